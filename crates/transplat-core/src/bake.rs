@@ -33,7 +33,7 @@ use harmonic::HarmonicBake;
 use scene::SceneBake;
 use sharing::SHARED_SIGHT_ERROR;
 
-/// What a ray into a closed side typically costs, in mean rays: it meets something soon. (0.5 to 0.9 on the objects of the report.)
+/// Cost of a ray into a closed side, in mean rays: it soon hits something. (0.5 to 0.9 on the objects of the report.)
 const CLOSED_RAY_COST: f32 = 0.75;
 
 /// Share of a bake that rays which others tell of would take, over their share of all directions: many of the others are of closed backs, and
@@ -43,7 +43,7 @@ const AGREED_RAY_COST: f32 = 0.85;
 /// Share of a bake that its rays take, where many surfels share them: the rest finds fronts, and who shares.
 const RAYS_OF_BAKE: f32 = 0.75;
 
-/// Whether what was baked for a method serves another.
+/// Checks that a bake for a method serves another.
 pub(crate) fn check_method(baked: Method, wanted: Method) -> Result<()> {
     if baked == wanted {
         return Ok(());
@@ -56,7 +56,7 @@ pub(crate) fn check_method(baked: Method, wanted: Method) -> Result<()> {
     )))
 }
 
-/// What a method needs of the geometry alone.
+/// Visibility of a splat or a scene, as a method needs it.
 #[derive(Clone, Debug)]
 pub enum Bake {
     /// For the harmonic method.
@@ -81,7 +81,7 @@ impl Bake {
         Self::with_skips(cloud, method, directions, &Skips::default(), progress)
     }
 
-    /// The same, leaving out what it is told to.
+    /// Bakes with some optimizations switched off.
     ///
     /// # Errors
     /// As [`Bake::new`].
@@ -113,7 +113,7 @@ impl Bake {
         })
     }
 
-    /// What was left out of it.
+    /// Work that was skipped.
     pub fn left_out(&self) -> Vec<Skipped> {
         let mut out = Vec::new();
         let (open_object, [closed, followers, agreed]) = match self {
@@ -212,7 +212,7 @@ impl Bake {
         self.normals().len()
     }
 
-    /// Whether there is no surfel.
+    /// True without any surfel.
     pub fn is_empty(&self) -> bool {
         self.normals().is_empty()
     }
@@ -243,7 +243,7 @@ impl Bake {
         }
     }
 
-    /// Whether both sides of surfel `i` are about equally open.
+    /// True where both sides of surfel `i` are about equally open.
     pub fn is_two_sided(&self, i: usize) -> bool {
         match self {
             Self::Harmonic(v) => v.two_sided[i],
@@ -252,7 +252,7 @@ impl Bake {
         }
     }
 
-    /// Whether it is little better than a guess which side of surfel `i` is its front, and matters.
+    /// True where the outward side of surfel `i` is little better than a guess, and matters.
     pub fn is_ambiguous(&self, i: usize) -> bool {
         match self {
             Self::Harmonic(v) => v.two_sided[i],
@@ -280,7 +280,7 @@ impl Bake {
         }
     }
 
-    /// How many stored normals pointed to the closed side.
+    /// Number of stored normals that pointed to the closed side.
     pub fn flipped(&self) -> usize {
         match self {
             Self::Harmonic(v) => v.flipped,
@@ -298,7 +298,7 @@ impl Bake {
         }
     }
 
-    /// How open each direction is around surfel `i`, 0 to 1.
+    /// Openness of each direction around surfel `i`, 0 to 1.
     pub fn seen_by(&self, i: usize) -> Vec<(Vec3, f32)> {
         match self {
             Self::Harmonic(v) => lattice(v.directions)

@@ -13,11 +13,11 @@ pub const NEAR: f32 = 0.02;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPose {
-    /// What the camera turns about, in the asset's coordinates.
+    /// Point that the camera orbits, in the splat's coordinates.
     pub pivot: Vec3,
     /// Direction from pivot to camera: azimuth in degrees, counter-clockwise seen from above.
     pub azimuth: f64,
-    /// And its height over the horizon in degrees.
+    /// Elevation over the horizon, in degrees.
     pub elevation: f64,
     /// Distance to the pivot in scene units; in an orthographic view that at which a perspective one would show as much.
     pub distance: f32,
@@ -25,7 +25,7 @@ pub struct CameraPose {
     pub fov: f64,
     /// Parallel lines stay parallel.
     pub orthographic: bool,
-    /// How the camera is turned about where it looks, clockwise, in degrees.
+    /// Roll about the viewing direction, clockwise, in degrees.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub roll: f64,
     /// Radius of the lens as a share of the distance to the pivot, which is sharp; 0: everything is.
@@ -130,7 +130,7 @@ pub struct Camera {
     pub backdrop_focal: f32,
     /// Where the optical axis meets the picture, in pixels from its middle.
     pub shift: Vec2,
-    /// What pictures are blurred by; a camera itself is a pinhole.
+    /// Lens that blurs images; a camera itself is a pinhole.
     pub lens: Lens,
 }
 
@@ -241,7 +241,7 @@ impl Camera {
         Self::from_opengl_pose(pose, fov_x, size, near)
     }
 
-    /// The same view with `factor` times the pixels along each edge.
+    /// Camera with `factor` times the pixels along each edge.
     pub fn supersampled(&self, factor: usize) -> Self {
         Self {
             focal: self.focal * factor as f32,
@@ -253,7 +253,7 @@ impl Camera {
         }
     }
 
-    /// The same view as an object sees it that stands in the scene: in its own coordinates and unit.
+    /// Camera in the coordinates and unit of an object that stands in the scene.
     pub fn seen_from(&self, scene_from_object: Affine3A) -> Self {
         let (scale, turn, _) = scene_from_object.to_scale_rotation_translation();
         Self {
@@ -290,7 +290,7 @@ impl Camera {
         2.0 * radius * self.focal * off(near).max(off(far))
     }
 
-    /// The same of what is infinitely far, as the backdrop's focal length shows it.
+    /// Blur of what is infinitely far, in pixels, as the backdrop's focal length shows it.
     pub fn backdrop_blur(&self) -> f32 {
         2.0 * self.lens.radius * self.backdrop_focal / self.lens.focus
     }
@@ -310,7 +310,7 @@ impl Camera {
         (self.view_from_world.transpose() * view).normalize()
     }
 
-    /// The same through the backdrop's focal length.
+    /// Ray through the backdrop's focal length.
     pub fn backdrop_ray(&self, x: usize, y: usize) -> Vec3 {
         // What a lens shifts, it shifts as far as the focal length is.
         let aside = self.shift * (self.backdrop_focal / self.focal - 1.0);
@@ -337,7 +337,7 @@ fn direction(azimuth: f64, elevation: f64) -> DVec3 {
 /// Between neighbours on a sunflower, in radians.
 const GOLDEN_ANGLE: f32 = 2.399_963_2;
 
-/// How high a turntable's cameras stand over the object, in degrees.
+/// Elevation of a turntable's cameras over the object, in degrees.
 const TURNTABLE_ELEVATION: f64 = 20.0;
 
 /// `count` cameras around an object, all at the distance at which it fills most of the picture.
@@ -393,7 +393,7 @@ pub fn framed(
 /// Degrees of a first look: enough of the light's own place behind the object to know it.
 pub const FIELD_OF_VIEW: f64 = 40.0;
 
-/// How much farther away than needed a camera is.
+/// Factor of the least distance, for room around the object.
 const ROOM: f32 = 1.15;
 
 /// The pose of a first look: from the front, a little from the right and above.
@@ -402,7 +402,7 @@ pub fn first_pose(points: &[Vec3], up: UpAxis, bounds: &Bounds, size: [usize; 2]
     framed(points, up, bounds, &pose, size)
 }
 
-/// How far from the object's centre a camera in direction `towards` must be to see all of it; floaters do not count.
+/// Distance from the object's centre from which a camera in direction `towards` sees all of it; floaters do not count.
 fn fitting_distance(points: &[Vec3], bounds: &Bounds, camera: &Camera, towards: Vec3) -> f32 {
     let slope = |pixels: usize| 0.92 * 0.5 * pixels as f32 / camera.focal;
     let (across, down) = (slope(camera.width), slope(camera.height));

@@ -96,9 +96,9 @@ pub fn luminance(rgb: [f32; 3]) -> f32 {
     LUMINANCE[0] * rgb[0] + LUMINANCE[1] * rgb[1] + LUMINANCE[2] * rgb[2]
 }
 
-/// What of a spectrum is seen: linear Rec. 709, its luminance the integral of the spectrum and the observer of CIE 1931 over the wavelength in
-/// nanometres, in the fit of Wyman, Sloan and Shirley ("Simple Analytic Approximations to the CIE XYZ Color Matching Functions", 2013). What
-/// Rec. 709 cannot show is 0.
+/// Linear Rec. 709 colour of a spectrum, its luminance the integral with the CIE 1931 observer over the wavelength in nanometres, in the fit of
+/// Wyman, Sloan and Shirley ("Simple Analytic Approximations to the CIE XYZ Color Matching Functions", 2013). Colours outside the gamut are clipped
+/// at 0.
 pub fn of_spectrum(power: impl Fn(f64) -> f64) -> [f64; 3] {
     let lobe = |nm: f64, height: f64, middle: f64, widths: [f64; 2]| {
         let off = (nm - middle) / widths[usize::from(nm >= middle)];
@@ -140,7 +140,7 @@ pub fn black_body(kelvin: f32) -> [f32; 3] {
     rgb.map(|v| v / one)
 }
 
-/// How linear colour is brought into the display's range.
+/// Tone curve from linear colour to the display's range.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ToneMap {
@@ -168,7 +168,7 @@ pub struct Display {
 }
 
 impl Display {
-    /// What a picture is encoded with: false colours are made of the sRGB curve alone, which can be undone.
+    /// Display settings that an image is encoded with: false colours are made of the sRGB curve alone, which can be inverted.
     pub fn for_picture(self, false_color: bool) -> Self {
         Self {
             tone_map: if false_color {
@@ -180,7 +180,7 @@ impl Display {
         }
     }
 
-    /// Whether encoded colour passes through unchanged.
+    /// True where encoded colour passes unchanged.
     pub fn is_identity(&self) -> bool {
         self.exposure == 0.0 && self.tone_map == ToneMap::Srgb
     }
@@ -216,7 +216,7 @@ impl Display {
         srgb_encode_all(values);
     }
 
-    /// What light is multiplied by.
+    /// Factor of linear light.
     fn gain(&self) -> f32 {
         self.exposure.exp2()
     }
@@ -275,7 +275,7 @@ fn agx(c: [f32; 3]) -> [f32; 3] {
 /// The stored colour's offset: `c(d) = max(0, 1/2 + sum_k sh_k Y_k(d))`.
 pub const STORED_OFFSET: f32 = 0.5;
 
-/// Which colour SH coefficients stand for.
+/// Colour that SH coefficients encode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Encoding {
@@ -288,7 +288,7 @@ pub enum Encoding {
 }
 
 impl Encoding {
-    /// What is added to the value of the coefficients.
+    /// Constant that is added to the value of the coefficients.
     pub fn offset(self) -> f32 {
         match self {
             Self::Stored | Self::StoredLinear => STORED_OFFSET,
@@ -296,9 +296,8 @@ impl Encoding {
         }
     }
 
-    /// Whether light of at least `darkest` that is multiplied by at least `least` and at most `most` is stored as a power of it:
-    /// `encode(factor x) = g (encode(x) + shift) - shift`, with [`Encoding::gains`] of the factor as g and [`Encoding::shift`]. sRGB is a power
-    /// but for its toe.
+    /// True where light of at least `darkest` times a factor of at least `least` and at most `most` is stored as a power of it: `encode(factor x) = g
+    /// (encode(x) + shift) - shift`, with [`Encoding::gains`] of the factor as g and [`Encoding::shift`]. sRGB is a power but for its toe.
     pub fn is_power(self, darkest: f32, [least, most]: [f32; 2]) -> bool {
         // So that nothing is clamped.
         let is_in_range = least >= 0.0 && most <= 1e6;
@@ -306,14 +305,14 @@ impl Encoding {
         is_in_range && darkest * least.min(1.0) > toe
     }
 
-    /// What stored values and [`Encoding::shift`] are multiplied by where light is multiplied by such factors, in place.
+    /// Converts factors of light, in place, to factors of stored values plus [`Encoding::shift`].
     pub fn gains(self, factors: &mut [f32]) {
         if self == Self::Stored {
             srgb_powers(factors);
         }
     }
 
-    /// See [`Encoding::is_power`].
+    /// Shift of stored values. See [`Encoding::is_power`].
     pub fn shift(self) -> f32 {
         match self {
             Self::Stored => self.offset() + 0.055,

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-/// What the largest number of a short row is stored as.
+/// Stored value of the largest number of a short row.
 const LARGEST: f32 = i16::MAX as f32;
 
 /// From so many surfels on rows are short: what is kept to relight a million, of degree 3, takes 160 MB less, and what is shown relit of it 92 MB.
@@ -27,7 +27,7 @@ enum Rows {
     Short {
         /// `[rows][width]`
         values: Vec<[i16; 3]>,
-        /// What a 1 stands for. `[rows]`
+        /// Unit of each row. `[rows]`
         units: Vec<f32>,
     },
 }
@@ -80,7 +80,7 @@ impl ColorRows {
         Self { width, rows }
     }
 
-    /// The same, of very many in sixteen bits: one a surfel.
+    /// Stores colours, very many of them in sixteen bits with one unit a surfel.
     pub fn of(values: Vec<[f32; 3]>, width: usize) -> Self {
         let rows = values.len() / width;
         if rows < SHORT_FROM {
@@ -94,7 +94,7 @@ impl ColorRows {
         short
     }
 
-    /// How many there are.
+    /// Number of rows.
     pub fn len(&self) -> usize {
         let values = match &self.rows {
             Rows::Whole(values) => values.len(),
@@ -103,7 +103,7 @@ impl ColorRows {
         values / self.width
     }
 
-    /// Whether there is none.
+    /// True without any row.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -126,7 +126,7 @@ impl ColorRows {
         }
     }
 
-    /// The same, without a copy of what is whole.
+    /// Colours in full precision, without a copy of those that are kept so.
     pub fn into_values(self) -> Vec<[f32; 3]> {
         match self.rows {
             Rows::Whole(values) => values,
@@ -237,26 +237,11 @@ impl ColorRows {
         Self { rows, ..*self }
     }
 
-    /// What it takes.
+    /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         match &self.rows {
             Rows::Whole(values) => size_of_val(&values[..]),
             Rows::Short { values, units } => size_of_val(&values[..]) + size_of_val(&units[..]),
-        }
-    }
-
-    /// What it would take less if its numbers had half the bits.
-    pub fn bytes_saved_by_half(&self) -> usize {
-        match &self.rows {
-            Rows::Whole(values) => size_of_val(&values[..]) / 2,
-            Rows::Short { .. } => 0,
-        }
-    }
-
-    /// Changes all numbers that are whole.
-    pub fn change_whole(&mut self, change: impl Fn(&mut [[f32; 3]])) {
-        if let Rows::Whole(values) = &mut self.rows {
-            change(values);
         }
     }
 }
@@ -267,7 +252,7 @@ const AT_ONCE: usize = 16;
 /// Rows that are set one after the other.
 const PIECE: usize = 512;
 
-/// What is stored in a unit.
+/// Decoder of a row with a unit.
 fn of_unit(unit: f32) -> impl Fn(&[i16; 3]) -> [f32; 3] {
     move |stored| stored.map(|s| f32::from(s) * unit)
 }

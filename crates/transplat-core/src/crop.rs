@@ -8,7 +8,7 @@ use crate::surfels::{Bounds, SurfelCloud};
 /// Surfels that are looked at, at most.
 const MOST_SURFELS: usize = 50_000;
 
-/// What is fainter is haze.
+/// Opacity below which surfels are haze.
 const LEAST_OPACITY: f32 = 0.1;
 
 /// By how much a ball around what is densest shrinks from turn to turn, and how often.
@@ -21,7 +21,7 @@ const MOST_AROUND: f32 = 2.0;
 /// Share of all that the object is at least, so that no lump of the surroundings is taken for one.
 const LEAST_SHARE: f32 = 0.2;
 
-/// How many times as far as the object its surroundings reach at least: a table that it stands on is none.
+/// Least reach of the surroundings, in radii of the object: a table that it stands on is none.
 const LEAST_RATIO: f32 = 4.0;
 
 /// Share of what lies around that is along one line at most: a neck or a mast is no surroundings.

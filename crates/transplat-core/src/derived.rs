@@ -31,7 +31,7 @@ impl<Key: Clone + PartialEq, Value> Derived<Key, Value> {
         is_new
     }
 
-    /// Whether that is what was asked for last.
+    /// True where that key was asked for last.
     pub fn is_asked(&self, key: &Key) -> bool {
         self.asked.as_ref() == Some(key)
     }
@@ -52,22 +52,22 @@ impl<Key: Clone + PartialEq, Value> Derived<Key, Value> {
         self.accept(key, value);
     }
 
-    /// What is there, whatever it was made from.
+    /// Value that is there, whatever it was made from.
     pub fn get(&self) -> Option<&Value> {
         self.made.as_ref().map(|(_, value)| value)
     }
 
-    /// What that was made from.
+    /// Key that the value was made from.
     pub fn made_from(&self) -> Option<&Key> {
         self.made.as_ref().map(|(key, _)| key)
     }
 
-    /// What is there, if it was made from a key.
+    /// Value, if it was made from a key.
     pub fn of(&self, key: &Key) -> Option<&Value> {
         self.get().filter(|_| self.made_from() == Some(key))
     }
 
-    /// What is there, if it is what was asked for last.
+    /// Value, if it was made from the key that was asked for last.
     pub fn current(&self) -> Option<&Value> {
         self.asked.as_ref().and_then(|key| self.of(key))
     }

@@ -11,7 +11,7 @@ pub enum Error {
     Io {
         /// The file that was read or written.
         path: PathBuf,
-        /// What the system said.
+        /// Reason of the system.
         reason: std::io::Error,
     },
     /// The file was read, and what it holds is not what its kind of file must hold.
@@ -19,7 +19,7 @@ pub enum Error {
     Invalid {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and what would be right.
+        /// Problem, and what would be accepted.
         message: String,
     },
     /// Two inputs do not belong together, or a setting is out of range.
@@ -61,7 +61,7 @@ pub fn refusal(reason: &std::io::Error) -> String {
     }
 }
 
-/// That something is as it has to be: an [`Error::Mismatch`] where it is not.
+/// Checks a condition: an [`Error::Mismatch`] where it does not hold.
 pub(crate) fn ensure(holds: bool, otherwise: impl FnOnce() -> String) -> Result<()> {
     if holds {
         Ok(())

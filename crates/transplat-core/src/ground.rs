@@ -135,7 +135,7 @@ impl Ground {
             .collect()
     }
 
-    /// What the ground takes away at a pixel: the coverage of black that stands for the shadow there, 0 to 1.
+    /// Shadow at a pixel: coverage by black, 0 to 1.
     pub fn shadow(
         &self,
         lit: &[f32],

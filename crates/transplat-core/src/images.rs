@@ -13,11 +13,11 @@ pub struct Image {
     pub pixels: Vec<[f32; 3]>,
     /// `[height][width]`, or empty where it is opaque.
     pub alpha: Vec<f32>,
-    /// Whether it was display-encoded, so that its highlights are clipped.
+    /// True for display-encoded images, whose highlights are clipped.
     pub is_clipped: bool,
-    /// How it lays out what is all around, where its file says so.
+    /// Layout of the directions, where the file has it.
     pub layout: Option<Layout>,
-    /// Which part of the file it is, and what reading it assumed.
+    /// Layer of the file, and what reading it assumed.
     pub provenance: Provenance,
 }
 
@@ -47,7 +47,7 @@ impl Image {
     }
 }
 
-/// How a picture lays out all directions.
+/// Layout of all directions in an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
@@ -65,11 +65,11 @@ pub enum Layout {
     MirrorBall,
 }
 
-/// How an environment's file is read, where that is set: its layout, and its layer.
+/// Layout and layer that an environment's file is read by, where they are set.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImageReading {
-    /// How it lays out all directions; none where the file or its shape says.
+    /// Layout; none for that of the file or its shape.
     pub layout: Option<Layout>,
-    /// Which layer or part of an OpenEXR file is read; none where its names say.
+    /// Layer or part of an OpenEXR file; none for the one that its names suggest.
     pub layer: Option<String>,
 }

@@ -15,7 +15,7 @@ pub(crate) struct Lanes(pub [f32; LANES]);
 impl Lanes {
     pub const ZERO: Self = Self([0.0; LANES]);
 
-    /// The same value everywhere.
+    /// Broadcasts a value.
     #[inline(always)]
     pub const fn splat(x: f32) -> Self {
         Self([x; LANES])

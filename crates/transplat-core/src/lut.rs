@@ -5,9 +5,9 @@
 pub struct Table {
     /// Entries along an edge; at least 2.
     pub size: usize,
-    /// What the first entry of each channel stands for.
+    /// Input of the first entry, by channel.
     pub from: [f32; 3],
-    /// And the last one; above `from`.
+    /// Input of the last entry; above `from`.
     pub to: [f32; 3],
     /// `[size]`, or `[size, size, size]` with red running fastest.
     pub entries: Vec<[f32; 3]>,
@@ -20,7 +20,7 @@ pub struct Lut {
     pub curves: Option<Table>,
     /// All three together.
     pub cube: Option<Table>,
-    /// What of its file was assumed or skipped, for the user.
+    /// Remarks on the file for the user: what was assumed or skipped.
     pub warnings: Vec<String>,
 }
 

@@ -2,10 +2,10 @@
 
 use sysinfo::{MemoryRefreshKind, System};
 
-/// Of fewer surfels it is not asked.
+/// Surfels below which memory is not checked.
 const FEW: usize = 100_000;
 
-/// That the memory holds so many surfels at so many bytes each; what is wrong where it does not.
+/// Checks that memory has room for so many surfels of so many bytes each.
 pub(crate) fn ensure_room(surfels: usize, bytes_each: usize) -> Result<(), String> {
     if surfels < FEW {
         return Ok(());

@@ -58,7 +58,7 @@ pub(crate) fn grouped<'a, const D: usize>(
 pub(crate) struct Nearest {
     /// `[n][each]`
     pub all: Vec<u32>,
-    /// How many a point has: fewer than asked for where there are not so many.
+    /// Neighbours of a point: fewer than requested where there are not so many.
     pub each: usize,
 }
 
@@ -90,7 +90,7 @@ impl Nearest {
         Self { each, all }
     }
 
-    /// Those of point `i`.
+    /// Neighbours of point `i`.
     pub fn of(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
         let range = i * self.each..(i + 1) * self.each;
         self.all[range].iter().map(|j| *j as usize)

@@ -37,7 +37,7 @@ pub fn project_environment(map: &EnvironmentMap, degree: usize) -> Vec<[f64; 3]>
     sums
 }
 
-/// How far values are from exact ones: the L2 norm of the difference over theirs, and the largest difference.
+/// Error against exact values: the L2 norm of the difference over theirs, and the largest difference.
 pub fn difference<A: Copy + Into<f64>, B: Copy + Into<f64>>(
     got: &[[A; 3]],
     exact: &[[B; 3]],
@@ -53,7 +53,7 @@ pub fn difference<A: Copy + Into<f64>, B: Copy + Into<f64>>(
     ((off / f64::max(all, 1e-30)).sqrt(), largest)
 }
 
-/// The same from point samples, evenly spread: what they miss of a sun is lost.
+/// Projects from evenly spread point samples: what they miss of a sun is lost.
 pub fn project_samples(map: &EnvironmentMap, degree: usize, samples: usize) -> Vec<[f64; 3]> {
     let k = coefficient_count(degree);
     let mut sums = vec![[0f64; 3]; k];

@@ -18,7 +18,7 @@ pub struct Plate {
     pub height: usize,
     /// Linear. `[height][width]`
     pub pixels: Vec<[f32; 3]>,
-    /// What reading it assumed, for the user.
+    /// Remarks on reading it, for the user.
     pub warnings: Vec<String>,
 }
 
@@ -41,13 +41,13 @@ impl Plate {
         }
     }
 
-    /// How many of its pixels one of a picture's is, whose size that is.
+    /// Pixels of the plate in one of an image of that size.
     pub fn scale(size: [usize; 2], picture: [usize; 2]) -> f32 {
         let shorter = |[width, height]: [usize; 2]| width.min(height).max(1) as f32;
         shorter(size) / shorter(picture)
     }
 
-    /// The same with no more pixels along its shorter edge than that; each is the mean over what it stands for.
+    /// Plate of at most so many pixels along the shorter edge, by box filtering.
     pub fn reduced(&self, shorter_edge: usize) -> Self {
         let shorter = self.width.min(self.height);
         if shorter <= shorter_edge {

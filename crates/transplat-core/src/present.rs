@@ -11,7 +11,7 @@ use crate::rasterize::{ColorSpace, Raster};
 use crate::surfels::{Bounds, SurfelCloud};
 use crate::transfer::{Part, PreparedTransfer};
 
-/// What a picture shows.
+/// View of the scene that an image shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum View {
@@ -26,9 +26,9 @@ pub enum View {
     SideBySide,
     /// After minus before in display values; grey is none.
     Difference,
-    /// What of the relit colour is scattered.
+    /// Diffuse part of the relit colour.
     Diffuse,
-    /// What of it is mirrored.
+    /// Specular part of the relit colour.
     Specular,
     /// World normals, turned to face the eye; 0 to 1 stands for -1 to 1.
     Normals,
@@ -36,9 +36,9 @@ pub enum View {
     Depth,
     /// Cosine-weighted open share of each surfel's front side.
     Visibility,
-    /// What the surfels are made of: the share of light that they scatter, or mirror where they are metal, each channel.
+    /// Albedo: the share of light that is scattered, or mirrored by metal, by channel.
     Albedo,
-    /// How much of each surfel's colour is its own light.
+    /// Share of each surfel's colour that is emission.
     Glow,
     /// The transfer ratio in stops: blue is -3 and less, white 0, red +3 and more.
     Tau,
@@ -65,7 +65,7 @@ impl View {
         Self::Doubts,
     ];
 
-    /// Whether a picture of it needs the asset relit.
+    /// True where an image of it needs the relit colour.
     pub fn needs_relit(self) -> bool {
         self.has_two_sides()
             || matches!(
@@ -75,12 +75,12 @@ impl View {
             || self.is_of_materials()
     }
 
-    /// Whether it shows what surfels are made of: no target changes that.
+    /// True for materials, which no target light changes.
     pub fn is_of_materials(self) -> bool {
         matches!(self, Self::Albedo | Self::Glow)
     }
 
-    /// What of the relit colour it shows.
+    /// Part of the relit colour that it shows.
     pub fn part(self) -> Part {
         match self {
             Self::Diffuse => Part::Diffuse,
@@ -89,12 +89,12 @@ impl View {
         }
     }
 
-    /// Whether it shows the asset before and after.
+    /// True where it shows before and after.
     pub fn has_two_sides(self) -> bool {
         matches!(self, Self::Split | Self::SideBySide | Self::Difference)
     }
 
-    /// Which lights' environments are seen behind it: the source's behind what is as captured, the target's behind what is relit.
+    /// Environments behind it: the source's behind the capture, the target's behind what is relit.
     pub fn backdrops(self) -> [bool; 2] {
         match self {
             Self::Before => [true, false],
@@ -103,7 +103,7 @@ impl View {
         }
     }
 
-    /// What is behind it: values that are no light, and differences, are not to be mistaken for scenery.
+    /// Background of the view: values that are no light, and differences, are not to be mistaken for scenery.
     pub fn background(self, wanted: Background) -> Background {
         match (self, wanted) {
             (Self::Difference, Background::Environment) => Background::Color([0.5; 3]),
@@ -112,12 +112,12 @@ impl View {
         }
     }
 
-    /// Whether a table of colours applies to it, and a lens: a difference is of values as they are.
+    /// True where a LUT and a lens apply: a difference is of values as they are.
     pub fn is_graded(self) -> bool {
         self.is_light() && self != Self::Difference
     }
 
-    /// Whether its values are colours of light, that exposure and tone curve apply to.
+    /// True for colours of light, that exposure and tone curve apply to.
     pub fn is_light(self) -> bool {
         self.has_two_sides()
             || matches!(
@@ -142,7 +142,7 @@ pub fn glow_color(glow: f32) -> [f32; 3] {
     std::array::from_fn(|c| none[c] + glow * (whole[c] - none[c]))
 }
 
-/// What makes the relit colour of a surfel doubtful; the first that applies is shown.
+/// Reason for low confidence in a relit colour; the first that applies is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doubt {
     /// Its values are no numbers, or it is too faint to be seen: it is not drawn.
@@ -182,7 +182,7 @@ impl Doubt {
 /// The display colour of surfels in [`View::Doubts`] of which nothing is doubtful.
 pub const NO_DOUBT: [f32; 3] = [0.85, 0.85, 0.85];
 
-/// What is doubtful of each surfel, `[n]`; `tau` is that of a [`crate::transfer::Relit`].
+/// Reasons for low confidence by surfel, `[n]`; `tau` is that of a [`crate::transfer::Relit`].
 pub fn doubts(
     cloud: &SurfelCloud,
     bake: &Bake,
@@ -220,7 +220,7 @@ pub fn doubt_colors(doubts: &[Option<Doubt>]) -> Vec<[f32; 3]> {
         .collect()
 }
 
-/// What is behind the object.
+/// Background behind the objects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Background {

@@ -35,12 +35,12 @@ const FACES: [[Vec3; 2]; 6] = [
 /// A light by directions of a scene.
 pub type RadianceToward<'a> = &'a dyn Fn(Vec3) -> [f32; 3];
 
-/// What is taken for light that a scene does not show.
+/// Light that a scene does not show.
 #[derive(Clone, Copy, Default)]
 pub struct Beyond<'a> {
-    /// What shines where the scene is open, per direction in the scene's coordinates; nothing where that is not known.
+    /// Radiance where the scene is open, by direction in its coordinates; none where that is not known.
     pub environment: Option<RadianceToward<'a>>,
-    /// What clipped light is multiplied by, 1 or more.
+    /// Factor of clipped light, 1 or more.
     pub clipped_gain: f32,
     /// A light like the one that was clipped: brought to the strength of what is not clipped, it stands in where it is the brighter one.
     pub clipped_like: Option<RadianceToward<'a>>,

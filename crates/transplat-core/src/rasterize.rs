@@ -106,7 +106,7 @@ pub struct Pick {
     pub position: Vec3,
 }
 
-/// What is under a pixel: nothing where the object is mostly transparent. `hidden` `[n]` or empty.
+/// Finds the surface under a pixel: none where the object is mostly transparent. `hidden` `[n]` or empty.
 pub fn pick(
     cloud: &SurfelCloud,
     camera: &Camera,
@@ -183,10 +183,10 @@ const FIRST_ORDERED: usize = 128;
 #[derive(Debug, Default)]
 pub struct Rasterizer {
     tiles: Tiles,
-    /// Of the picture, in pixels.
+    /// Size of the image, in pixels.
     size: [usize; 2],
     near: f32,
-    /// Of what is projected.
+    /// Colours of the projected surfels.
     colors: Vec<LazyColor>,
 }
 
@@ -198,7 +198,7 @@ impl Rasterizer {
         self.tiles.list(objects, self.size);
     }
 
-    /// How many surfels are on the screen.
+    /// Number of surfels on the screen.
     pub fn seen(&self) -> usize {
         self.tiles.seen
     }
@@ -335,7 +335,7 @@ struct Scratch<'a> {
     splats: Vec<Splat<'a>>,
     /// Surfels whose colour is not known yet.
     asked: Vec<usize>,
-    /// And where they are among the entries and the splats.
+    /// Ranges among the entries and the splats.
     places: Vec<[usize; 2]>,
     answers: Vec<[f32; 3]>,
 }
@@ -344,7 +344,7 @@ struct Scratch<'a> {
 #[derive(Debug)]
 struct LazyColor([AtomicU32; 3]);
 
-/// What is in place of red where nobody has asked yet.
+/// Marker in place of red where a colour was not requested yet.
 const UNKNOWN: u32 = u32::MAX;
 
 impl Default for LazyColor {

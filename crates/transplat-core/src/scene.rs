@@ -35,11 +35,11 @@ pub use rig::{
 pub struct Scene {
     /// At least one; what is set before a splat is open is the first one's.
     pub objects: Vec<Object>,
-    /// What they are relit by.
+    /// Target light.
     pub environment: EnvironmentLight,
-    /// And what lights them beside it.
+    /// Placed lights.
     pub lights: Vec<Light>,
-    /// How all of that changes over time.
+    /// Keys of the light over time.
     pub animation: Animation,
     /// The environment's mean irradiance is brought to the source's, before its strength.
     pub match_strength: bool,
@@ -53,13 +53,13 @@ pub struct Scene {
     pub lut: Option<PathBuf>,
     /// Stops of exposure as colours instead of the picture.
     pub false_color: bool,
-    /// What is shown.
+    /// View that is shown.
     pub view: View,
     /// Where a split picture is split, from the left, 0 to 1.
     pub wipe: f32,
-    /// What a difference is multiplied by.
+    /// Factor of a difference.
     pub difference_scale: f32,
-    /// What is behind it.
+    /// Background behind the objects.
     pub background: Background,
     /// A photograph to be seen behind it.
     pub plate: Option<PathBuf>,
@@ -69,7 +69,7 @@ pub struct Scene {
     pub shadow_catcher: bool,
     /// Where the camera is.
     pub camera: Option<CameraPose>,
-    /// What its maker wants to be known of it.
+    /// Note of its maker.
     pub note: String,
     /// Views to come back to.
     pub bookmarks: Vec<Bookmark>,
@@ -77,7 +77,7 @@ pub struct Scene {
     pub variants: Vec<Variant>,
 }
 
-/// How many views, and how many looks, a scene may keep.
+/// Most views, and most looks, that a scene keeps.
 pub const MOST_KEPT: usize = 500;
 
 /// Lights that stand elsewhere by a step in the coordinates of a scene of which that axis is up.
@@ -104,7 +104,7 @@ pub struct Bookmark {
 pub struct Variant {
     /// For the user.
     pub name: String,
-    /// What [`Scene::look_alone`] leaves.
+    /// Settings that [`Scene::look_alone`] leaves.
     pub look: Scene,
 }
 
@@ -190,26 +190,26 @@ impl Scene {
         }
     }
 
-    /// Whether the first object is a place that the others were put into: where a photograph is, or what its ground catches goes onto one,
-    /// all of them were.
+    /// True where the first object is a place that the others were put into. Where a photograph is, or its ground catches shadows for one, all of
+    /// them were.
     pub fn first_is_a_place(&self) -> bool {
         let first_is_shown = self.objects[0].shown;
         first_is_shown && self.background != Background::Plate && !self.shadow_catcher
     }
 
-    /// What the objects were captured under and, last, what they are relit by.
+    /// Capture lights of the objects and, last, the target light.
     pub fn environment_lights(&self) -> impl Iterator<Item = &EnvironmentLight> {
         let sources = self.objects.iter().map(|o| &o.source);
         sources.chain([&self.environment])
     }
 
-    /// The same, to be changed.
+    /// Capture lights and target light, to be changed.
     pub fn environment_lights_mut(&mut self) -> impl Iterator<Item = &mut EnvironmentLight> {
         let sources = self.objects.iter_mut().map(|o| &mut o.source);
         sources.chain([&mut self.environment])
     }
 
-    /// How the file of a light is read, where one that takes it tells: one file is read one way.
+    /// Layout and layer of a light's file, where any light that uses it sets them: one file is read one way.
     pub fn reading_of(&self, file: &Path) -> ImageReading {
         let of_it = || {
             self.environment_lights()
@@ -253,8 +253,8 @@ impl Scene {
         by
     }
 
-    /// What an object was captured under and what it is relit by, as its asset sees them, from the light of the two maps: the environment
-    /// brought to the source's mean where that is wanted, and the other lights beside it.
+    /// Source and target light of an object in its coordinates, from the light of the two maps: the environment brought to the source's mean where
+    /// that is wanted, with the placed lights beside it.
     pub fn lights_on(
         &self,
         object: &Object,
@@ -350,8 +350,7 @@ impl Scene {
         map.with_lights(&lights, place.as_vec3())
     }
 
-    /// What the environment is multiplied by beside its own strength and tint, from the light of the two maps: nothing of it shines where a light
-    /// is solo.
+    /// Factor of the environment beside its own strength and tint, from the light of the two maps: 0 while a light is solo.
     pub fn environment_gain(&self, object: &Object, maps: [&Illumination; 2]) -> f32 {
         if self.is_solo() {
             return 0.0;
@@ -359,7 +358,7 @@ impl Scene {
         self.match_gain(object, maps)
     }
 
-    /// Whether lights of one's own are to be seen alone.
+    /// True while placed lights are to be seen alone.
     fn is_solo(&self) -> bool {
         self.lights.iter().any(|l| l.on && l.solo)
     }
@@ -371,7 +370,7 @@ impl Scene {
         lights.filter(move |l| l.on && (l.solo || !is_solo))
     }
 
-    /// What brings the environment's mean irradiance to that of an object's source, where that is wanted; 1 otherwise. Both lights are as
+    /// Factor that brings the environment's mean irradiance to that of an object's source, where that is wanted; 1 otherwise. Both lights are as
     /// their maps hold them. The environment's own strength and tint come on top; the source's count, since it is what is matched.
     pub fn match_gain(&self, object: &Object, maps: [&Illumination; 2]) -> f32 {
         let source = maps[0]

@@ -11,7 +11,7 @@ use crate::sh::MAX_DEGREE;
 pub use method::Method;
 use skips::Skips;
 
-/// Which terms take part; all of them unless an ablation asks otherwise.
+/// Terms that take part; all of them unless an ablation switches them off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Terms {
@@ -97,7 +97,7 @@ impl Terms {
         ]
     };
 
-    /// Those that a method has.
+    /// Terms of a method.
     pub fn of_method(method: Method) -> impl Iterator<Item = &'static Term> {
         const ALL: &[Term] = &Terms::ALL;
         ALL.iter().filter(move |t| t.methods.contains(&method))
@@ -107,17 +107,17 @@ impl Terms {
 /// Range of epsilon: below a millionth, f32 irradiance is rounding.
 pub const EPSILON: std::ops::RangeInclusive<f32> = 1e-6..=1e3;
 
-/// What paint explains, as times the whitest surface.
+/// Brightness that paint explains, in times of the whitest surface.
 pub const GLOW_ABOVE: f32 = 1.2;
 
-/// What that limit may be set to, from all that is bright to hardly anything.
+/// Range of that limit, from all that is bright to hardly anything.
 pub const GLOW_RANGE: std::ops::RangeInclusive<f32> = 0.05..=100.0;
 
 /// Settings of the transfer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TransferSettings {
-    /// Which mathematics.
+    /// Method of the transfer.
     #[serde(rename = "preset")]
     pub method: Method,
     /// Degree of lights and visibility, 0 to 8, where they are SH series: in the harmonic method, and in the directional one without its sums.
@@ -126,9 +126,9 @@ pub struct TransferSettings {
     pub epsilon: Option<f32>,
     /// Terms that take part.
     pub terms: Terms,
-    /// How many times brighter than its whitest surface in the same light anything has to be to shine by itself (the directional method).
+    /// Brightness from which a surface emits light, in times of the whitest surface in the same light (the directional method).
     pub glow_above: f32,
-    /// What may be left out where a scene does not need it; no file keeps that.
+    /// Optimizations that are on; no file keeps them.
     #[serde(skip)]
     pub skips: Skips,
 }
@@ -155,7 +155,7 @@ impl TransferSettings {
         }
     }
 
-    /// The same with one of the method's terms switched off.
+    /// Settings with one of the method's terms switched off.
     ///
     /// # Errors
     /// The method has no such term; says which it has.

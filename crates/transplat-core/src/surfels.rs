@@ -15,7 +15,7 @@ use crate::sh::{SharedSh, band, coefficient_count, rotate_functions, with_degree
 /// Contributions below this are not drawn.
 pub const MIN_ALPHA: f32 = 1.0 / 255.0;
 
-/// How far a Gaussian reaches along its normal, and so how it is drawn.
+/// Extent of a Gaussian along its normal, which decides how it is drawn.
 ///
 /// In one number, as it crosses to the GPU: 0 is a 2D surfel, anything else the standard deviation of a 3D Gaussian in scene units,
 /// below 0 where its trainer compensated the opacity for the low-pass.
@@ -24,21 +24,21 @@ pub const MIN_ALPHA: f32 = 1.0 / 255.0;
 pub struct Thickness(f32);
 
 impl Thickness {
-    /// That of a 2D surfel.
+    /// Thickness of a 2D surfel.
     pub const FLAT: Self = Self(0.0);
 
-    /// That of a 3D Gaussian, however thin.
+    /// Thickness of a 3D Gaussian, however thin.
     pub fn of_gaussian(sigma: f32, is_antialiased: bool) -> Self {
         let sigma = sigma.max(f32::MIN_POSITIVE);
         Self(if is_antialiased { -sigma } else { sigma })
     }
 
-    /// Whether it is a 2D surfel.
+    /// True for a 2D surfel.
     pub fn is_flat(self) -> bool {
         self.0 == 0.0
     }
 
-    /// Whether a 3D Gaussian is drawn fainter where the low-pass widens it (Yu et al., "Mip-Splatting", 2024).
+    /// True for a 3D Gaussian that is drawn fainter where the low-pass widens it (Yu et al., "Mip-Splatting", 2024).
     pub fn is_antialiased(self) -> bool {
         self.0 < 0.0
     }
@@ -71,7 +71,7 @@ pub struct SurfelCloud {
     pub tangents: Vec<[Vec3; 2]>,
     /// Standard deviations along the tangents, in scene units.
     pub scales: Vec<Vec2>,
-    /// And along the normal.
+    /// Extents along the normal. `[n]`
     pub thicknesses: Vec<Thickness>,
     /// Peak opacity, 0 to 1.
     pub opacities: Vec<f32>,
@@ -79,14 +79,14 @@ pub struct SurfelCloud {
     pub sh: SharedSh,
     /// Degree of `sh`.
     pub sh_degree: usize,
-    /// What the numbers in `sh` stand for.
+    /// Encoding of `sh`.
     pub encoding: Encoding,
     /// Direction that is up in the asset's own coordinates.
     pub up: UpAxis,
     /// Places that see the outside of it, where somebody told: what they see of a surfel is its front.
     pub outside_from: Vec<Vec3>,
-    /// What is added to positions in the coordinates of the file: none, but of a splat far from their origin (georeferenced, UTM) a point in it,
-    /// so that 32 bits of float do for the positions.
+    /// Origin of the positions in the coordinates of the file: zero but for a splat far from their origin (georeferenced, UTM), so that positions fit
+    /// 32-bit floats.
     pub origin: DVec3,
 }
 
@@ -96,7 +96,7 @@ impl SurfelCloud {
         self.positions.len()
     }
 
-    /// Whether there is no surfel at all.
+    /// True without any surfel.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
@@ -231,7 +231,7 @@ impl SurfelCloud {
         all.expect("at least one object")
     }
 
-    /// The same of any number of objects; one where it was captured is itself.
+    /// Joins any number of objects; one where it was captured stays itself.
     pub fn whole(objects: &[(Arc<Self>, Affine3A)]) -> Option<Arc<Self>> {
         match objects {
             [] => None,
@@ -256,7 +256,7 @@ impl SurfelCloud {
         thinned
     }
 
-    /// Those of its surfels, as they are.
+    /// Selects some of its surfels, as they are.
     pub fn selected(&self, taken: &[usize]) -> Self {
         Self {
             positions: taken.iter().map(|i| self.positions[*i]).collect(),
@@ -290,7 +290,7 @@ impl SurfelCloud {
         self.sh = sh.into();
     }
 
-    /// Whether colour depends on the view at all.
+    /// True where colour depends on the view.
     pub fn has_view_dependence(&self) -> bool {
         self.filled_degree() > 0
     }
@@ -389,16 +389,16 @@ fn principal_axes(shape: DMat3) -> [(Vec3, f32); 3] {
     std::array::from_fn(|i| (each[i].as_vec3(), sigma[order[i]] as f32))
 }
 
-/// Whether a surfel of that opacity is too faint to be drawn.
+/// True for an opacity too faint to be drawn.
 pub fn is_faint(opacity: f32) -> bool {
     opacity <= MIN_ALPHA
 }
 
-/// Which surfels are not drawn: for floaters and what lies around an object. Nothing is edited, and what is hidden still casts its shadow.
+/// Filters of surfels that are not drawn, such as floaters and surroundings. Nothing is edited, and what is hidden still casts its shadow.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Hide {
-    /// Whether what lies outside of the box is hidden.
+    /// True to hide everything outside of the box.
     pub crop: bool,
     /// Least corner of the box, in the object's radius around its centre.
     pub crop_min: Vec3,
@@ -423,7 +423,7 @@ impl Default for Hide {
 }
 
 impl Hide {
-    /// Whether it hides nothing, whatever the asset.
+    /// True where it hides nothing, whatever the splat.
     pub fn is_off(&self) -> bool {
         !self.crop && self.min_opacity <= 0.0 && self.max_size >= 1.0
     }
@@ -443,7 +443,7 @@ impl Hide {
         })
     }
 
-    /// Which surfels of an asset nobody sees, `[n]` or empty: those that are hidden, and those too faint for any pixel.
+    /// Surfels that nobody sees, `[n]` or empty: hidden ones, and those too faint for any pixel.
     pub fn unseen(&self, cloud: &SurfelCloud, bounds: &Bounds, skips: &Skips) -> Vec<bool> {
         let mut unseen = if self.is_off() {
             Vec::new()
@@ -459,7 +459,7 @@ impl Hide {
         unseen
     }
 
-    /// Which surfels of an asset are hidden, `[n]`.
+    /// Surfels that are hidden, `[n]`.
     fn hidden(&self, cloud: &SurfelCloud, bounds: &Bounds) -> Vec<bool> {
         (0..cloud.len())
             .map(|i| {
@@ -495,7 +495,7 @@ impl Bounds {
         Some(Self { center, radius })
     }
 
-    /// Of the same elsewhere: scaled by one factor, turned, moved.
+    /// Bounds in other coordinates: scaled by one factor, rotated, moved.
     pub fn transformed(&self, there_from_here: Affine3A) -> Self {
         let (scale, ..) = there_from_here.to_scale_rotation_translation();
         Self {

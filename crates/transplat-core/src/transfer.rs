@@ -68,8 +68,8 @@ impl PreparedTransfer {
         TransferAsset::default().prepare(cloud, bake, 0, source, settings, &no_progress)
     }
 
-    /// What some of the surfels of one asset are without the others, given the bake of what they see then. Only the directional method knows
-    /// how those were lit by the others.
+    /// Transfer of some of the surfels without the others, given the bake of what they see then. Only the directional method knows how the others lit
+    /// those.
     ///
     /// # Errors
     /// The bake is of another number of surfels or another method, or nothing can be cut out of the preparation.
@@ -107,32 +107,20 @@ impl PreparedTransfer {
     pub fn relight(&self, target: &Illumination, part: Part) -> Result<Relit> {
         self.relight_seen(target, part, &[])
     }
-
-    /// The same with all that it holds rounded to half precision: what storing it so would do to the result.
-    pub fn rounded_to_half(&self) -> Self {
-        match self {
-            Self::Harmonic(harmonic) => Self::Harmonic(Arc::new(harmonic.rounded_to_half())),
-            Self::Directional(directional) => {
-                Self::Directional(Arc::new(directional.rounded_to_half()))
-            }
-            Self::Scene(scene) => Self::Scene(Arc::new(scene.rounded_to_half())),
-            Self::HarmonicScene(scene) => Self::HarmonicScene(scene.clone()),
-        }
-    }
 }
 
 /// The asset's share of the time that a preparation takes by the directional method.
 const TAKEN_IN: f64 = 0.2;
 
-/// What of an asset's preparation no light changes: kept between changes of the source and of the settings.
+/// Part of a preparation that no light changes: kept between changes of the source and of the settings.
 #[derive(Debug, Default)]
 pub struct TransferAsset {
     harmonic: Option<HarmonicAsset>,
-    /// And of which bake, leaving out what.
+    /// Directional part with the version of its bake and the optimizations that are on.
     directional: Option<(u64, Skips, Arc<DirectionalAsset>)>,
 }
 
-/// That the memory holds what an asset's bake and transfer take beside it: asked before a bake begins.
+/// Checks, before a bake begins, that memory has room for bake and transfer of a splat.
 ///
 /// # Errors
 /// It does not.

@@ -10,7 +10,7 @@ use crate::surfels::{Bounds, SurfelCloud, UpAxis};
 /// Surfels that are looked at, at most.
 const MOST_SURFELS: usize = 50_000;
 
-/// What is fainter is no ground.
+/// Opacity below which a surfel is no ground.
 const LEAST_OPACITY: f32 = 0.1;
 
 /// Pieces are at most so many radii from the middle.
@@ -22,19 +22,19 @@ const FLAT: f32 = 0.9;
 /// Thickness of the ground, in the capture's radius.
 const THICKNESS: f64 = 0.06;
 
-/// Of all surface, what may lie below the ground: haze, and what shines through.
+/// Share of all surface that may lie below the ground: haze, and what shines through.
 const MOST_BELOW: f64 = 0.1;
 
-/// Of all surface, the share of ground times that above it, from which on there is ground.
+/// Evidence from which on there is ground: its share of all surface times the share above it.
 const LEAST_EVIDENCE: f64 = 0.08;
 
-/// How much more evident it is than any other: a room's walls are planes too.
+/// Lead over any other plane: a room's walls are planes too.
 const LEAST_LEAD: f64 = 2.0;
 
 /// Surfels that the light on a capture is read from, at most.
 const MOST_LIT: usize = 3000;
 
-/// What is in front of a surfel is what lies away from its surroundings, within this share of the radius.
+/// Share of the radius within which a surfel's surroundings tell its outward side.
 const SURROUNDINGS: f32 = 0.3;
 
 /// Darker colours say little of the light.
@@ -49,7 +49,7 @@ const CAMERAS_AGREE: f64 = 0.9;
 /// Length of that mean below which they are held all ways; those that look down by 60 degrees from all around have a half.
 const CAMERAS_TELL: f64 = 0.4;
 
-/// How a capture is known to stand.
+/// Evidence of a capture's up axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpEvidence {
     /// By the ground in it.
@@ -58,8 +58,8 @@ pub enum UpEvidence {
     Stance,
 }
 
-/// Which way is up in a capture whose file does not tell (`told`), and how that is known. `habit`: the axis that files of its kind mostly have;
-/// where they have none, only the ground tells.
+/// Up axis of a capture whose file has none (`told`), and its evidence. `habit` is the axis that files of its kind mostly have; where they have none,
+/// only the ground tells.
 pub fn proposed_up(
     cloud: &SurfelCloud,
     told: Option<UpAxis>,
@@ -114,7 +114,7 @@ fn up_from_stance(cloud: &SurfelCloud, habit: UpAxis) -> UpAxis {
     ups.into_iter().max_by(likelier).unwrap_or(habit)
 }
 
-/// How far most of it reaches along each axis; positive.
+/// Extents of most of it along each axis; positive.
 fn extents(pieces: &[Piece]) -> Vec3 {
     let each = |axis: usize| {
         let mut values: Vec<f32> = pieces.iter().map(|p| p.position[axis]).collect();
@@ -193,7 +193,7 @@ pub fn up_from_ground(cloud: &SurfelCloud) -> Option<UpAxis> {
 struct Piece {
     position: Vec3,
     normal: Vec3,
-    /// How much surface it is.
+    /// Area of its surface.
     area: f64,
     surfel: usize,
 }

@@ -85,7 +85,7 @@ pub struct Requested {
     pub readout: bool,
 }
 
-/// Counts of runs of the stages before the GPU's own, beside [`Passes`].
+/// Counts of runs of the stages before the GPU's own, beside [`transplat_gpu::live::Passes`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StageCounts {
     /// Splats that were loaded.

@@ -20,7 +20,7 @@ pub(crate) use pass::{ComputePass, Draws, Pass, RenderPass};
 use crate::WORKGROUP;
 use crate::shader::SORT_WORKGROUP;
 
-/// What can go wrong on the GPU.
+/// Error of the GPU.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuError {
@@ -32,7 +32,7 @@ pub enum GpuError {
         "{what} needs {needed} bytes in one buffer and {adapter} offers {available}; the commands can do it on the CPU (--device cpu)"
     )]
     TooLarge {
-        /// What is too large.
+        /// Resource that is too large.
         what: &'static str,
         /// Bytes needed.
         needed: u64,
@@ -88,7 +88,7 @@ impl Drop for Context {
     }
 }
 
-/// What this program asks of an adapter: all that it offers, since an asset may be large.
+/// Limits and features that this program requests of an adapter: all that it offers, since a splat may be large.
 pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
     wgpu::DeviceDescriptor {
         label: Some("transplat"),
@@ -119,7 +119,7 @@ pub fn choose_adapter(adapters: &[wgpu::Adapter]) -> Result<wgpu::Adapter> {
     })
 }
 
-/// How much we want an adapter: GL only where nothing better is there.
+/// Rank of an adapter: GL only where nothing better is there.
 fn rank(info: &wgpu::AdapterInfo) -> (bool, u8) {
     let rank = match info.device_type {
         wgpu::DeviceType::DiscreteGpu => 4,
@@ -221,7 +221,7 @@ impl Context {
         self
     }
 
-    /// Whether the device is gone: nothing works on it any more.
+    /// True once the device is lost: nothing works on it any more.
     pub fn is_lost(&self) -> bool {
         // The driver's word is passed on only when somebody asks.
         let _ = self.device.poll(wgpu::PollType::Poll);
@@ -233,7 +233,7 @@ impl Context {
         self.device.destroy();
     }
 
-    /// What was submitted last, to be waited for.
+    /// Last submission, to be waited for.
     pub fn last_submission(&self) -> Submission {
         Submission(self.queue.submit([]))
     }
@@ -277,7 +277,7 @@ impl Context {
         format!("{} ({})", info.name, info.backend)
     }
 
-    /// Whether the adapter is a driver that computes on the CPU.
+    /// True for a driver that computes on the CPU.
     pub fn is_software(&self) -> bool {
         self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
     }
@@ -533,7 +533,7 @@ impl Context {
         })
     }
 
-    /// The same with buffers alone.
+    /// Binds buffers alone.
     #[track_caller]
     pub(crate) fn bind<P>(
         &self,

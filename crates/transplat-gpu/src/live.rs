@@ -35,7 +35,7 @@ use crate::transfer::GpuTransfer;
 #[derive(Default)]
 struct Side {
     target: Option<Target>,
-    /// How each object was drawn into that.
+    /// Shading of each object in that picture.
     drawn: Derived<Vec<ShadeKey>, ()>,
 }
 
@@ -46,7 +46,7 @@ struct Screen {
     blit: wgpu::BindGroup,
 }
 
-/// What the surfels are drawn on.
+/// Target that the surfels are drawn into.
 enum Drawn {
     Gpu(GpuCanvas),
     Cpu(CpuCanvas),
@@ -61,12 +61,12 @@ pub struct Live {
     /// A place for each of the scene's objects; empty until its asset is there.
     objects: Vec<Option<LiveObject>>,
     objects_made: u64,
-    /// Of the objects: whose and where.
+    /// Objects and their places.
     placed: Derived<Vec<(u64, Affine3A)>, ()>,
     backdrops: [Option<Backdrop>; 2],
     ground: [Option<GroundLit>; 2],
     luts: [Option<ResidentLut>; 2],
-    /// Of backdrops, ground and tables of colours.
+    /// Version of backdrops, ground and LUTs.
     surroundings_version: u64,
     sides: [Side; 2],
     screen: Option<Screen>,
@@ -100,12 +100,12 @@ impl Live {
         }
     }
 
-    /// How often each stage ran so far.
+    /// Counts of stages so far.
     pub fn passes(&self) -> Passes {
         self.passes
     }
 
-    /// How many surfels the last frame drew: where the CPU does, those on the screen, else all that are shown.
+    /// Surfels in the last frame: on the CPU those on the screen, else all that are shown.
     pub fn drawn(&self) -> usize {
         match &self.drawn {
             Drawn::Gpu(canvas) => canvas.shown(),
@@ -121,7 +121,7 @@ impl Live {
         }
     }
 
-    /// Whether there is something relit of an object to be shown.
+    /// True where an object has a relit colour to show.
     pub fn has_relit(&self, object: usize) -> bool {
         self.object(object).is_some_and(LiveObject::has_relit)
     }
@@ -134,7 +134,7 @@ impl Live {
         self.objects.get_mut(at)?.as_mut()
     }
 
-    /// Those that are there.
+    /// Objects that are there.
     fn present_objects(&self) -> impl Iterator<Item = &LiveObject> + Clone {
         self.objects.iter().flatten()
     }
@@ -244,7 +244,7 @@ impl Live {
         object.pinned.set(pinned);
     }
 
-    /// The same with what was relit on the CPU.
+    /// Pins what was relit on the CPU.
     pub fn pin_relit(&mut self, object: usize, relit: LiveSh, display: Display) {
         if let Some(object) = self.object_mut(object) {
             object.pinned.set(Some((relit, display)));

@@ -25,7 +25,7 @@ pub const SCREEN_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 /// Maps behind the object are reduced to this width: a pixel of it is wider than one of the screen only above 33 megapixels.
 const MAX_BACKDROP_WIDTH: usize = 8192;
 
-/// And plates to this many pixels along their shorter edge.
+/// Pixels along the shorter edge that plates are reduced to.
 const PLATE_EDGE: usize = 1440;
 
 gpu_struct! {
@@ -51,7 +51,7 @@ gpu_struct! {
 pub struct BackdropLight {
     /// From directions of the asset to those of the map.
     pub map_from_asset: DMat3,
-    /// What its radiance is multiplied by.
+    /// Factor of its radiance.
     pub gain: [f32; 3],
 }
 
@@ -64,32 +64,32 @@ pub struct GroundPlane {
     pub axes: [Vec3; 2],
     /// Half the edge of what catches shadows.
     pub half: f32,
-    /// Whether it catches shadows.
+    /// True where it catches shadows.
     pub catches: bool,
     /// Spacing of the grid in scene units; none without one.
     pub grid: Option<f32>,
 }
 
-/// What is presented besides the pictures themselves.
+/// Settings of the presentation, besides the images themselves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Presentation {
     /// The camera of one picture; side by side there are two of them.
     pub camera: Camera,
-    /// Of the whole screen.
+    /// Size of the whole screen, in pixels.
     pub size: [usize; 2],
-    /// What is shown.
+    /// View that is shown.
     pub view: View,
     /// Where a split is, 0 to 1.
     pub wipe: f32,
-    /// What differences are multiplied by.
+    /// Factor of differences.
     pub difference_scale: f32,
     /// Exposure and tone curve, for the background.
     pub display: Display,
-    /// Which table of colours each side is graded by: 0 the pinned look's, 1 the scene's.
+    /// LUT of each side: 0 the pinned look's, 1 the scene's.
     pub graded: [Option<usize>; 2],
-    /// Whether exposure is shown as colours.
+    /// True where exposure is shown as false colours.
     pub false_color: bool,
-    /// What is behind.
+    /// Background behind the surfels.
     pub background: Background,
     /// Pixels of the plate, where that is behind.
     pub plate: [usize; 2],
@@ -99,7 +99,7 @@ pub struct Presentation {
     pub ground: GroundPlane,
     /// The object.
     pub bounds: Bounds,
-    /// What the rasterizer divided depth by.
+    /// Unit of depth that the rasterizer divided by.
     pub depth_unit: f32,
 }
 
@@ -145,7 +145,7 @@ impl Presentation {
         }
     }
 
-    /// What the pass that makes its picture has to do.
+    /// Shape of the pass that makes its image.
     fn shape(&self) -> PresentShape {
         let is_arranged = self.view.has_two_sides() || self.view == View::Depth;
         PresentShape {
@@ -183,7 +183,7 @@ impl Backdrop {
         )
     }
 
-    /// The same of a plate.
+    /// Uploads a plate as a backdrop.
     pub fn of_plate(context: &Context, plate: &Plate) -> Self {
         let longer = plate.width.max(plate.height);
         let shorter = plate.width.min(plate.height);
@@ -242,7 +242,7 @@ impl ResidentLut {
     }
 }
 
-/// What is put around the pictures of the surfels, a side each.
+/// Surroundings of the surfels' images, one a side.
 pub struct Around<'a> {
     /// Behind them.
     pub backdrops: [Option<&'a Backdrop>; 2],

@@ -82,16 +82,16 @@ gpu_struct! {
     }
 }
 
-/// What surfels are coloured with.
+/// Colours of surfels on the CPU.
 #[derive(Clone, Copy, Debug)]
 pub enum Paint<'a> {
     /// SH `[n][K][3]` of the asset's degree, in some encoding.
     Sh {
         /// Coefficients.
         sh: &'a [[f32; 3]],
-        /// Of which degree.
+        /// SH degree.
         degree: usize,
-        /// What they stand for.
+        /// Encoding of the coefficients.
         encoding: Encoding,
     },
     /// One colour a surfel, `[n][3]`.
@@ -99,7 +99,7 @@ pub enum Paint<'a> {
 }
 
 impl<'a> Paint<'a> {
-    /// What is as captured.
+    /// Colours as captured.
     pub fn captured(cloud: &'a SurfelCloud) -> Self {
         Self::Sh {
             sh: &cloud.sh,
@@ -108,7 +108,7 @@ impl<'a> Paint<'a> {
         }
     }
 
-    /// What was relit.
+    /// Relit colours.
     pub fn relit(relit: &'a Relit) -> Self {
         Self::Sh {
             sh: &relit.sh,
@@ -122,9 +122,9 @@ impl<'a> Paint<'a> {
 #[derive(Clone, Debug)]
 pub struct ResidentSh {
     pub(crate) chunks: Vec<wgpu::Buffer>,
-    /// Of which degree.
+    /// SH degree.
     pub degree: usize,
-    /// What the coefficients stand for.
+    /// Encoding of the coefficients.
     pub encoding: Encoding,
 }
 
@@ -174,7 +174,7 @@ impl ResidentVectors {
     }
 }
 
-/// What surfels are coloured with, of what is on the GPU already.
+/// Colours of surfels that are on the GPU already.
 #[derive(Clone, Copy, Debug)]
 pub enum ResidentPaint<'a> {
     /// SH colour, or those of its bands that the harmonic method has a part in.
@@ -189,14 +189,14 @@ pub enum ResidentPaint<'a> {
     Marks(&'a ResidentVectors),
 }
 
-/// How an asset is drawn over what is in the target.
+/// One drawing over what is in the target.
 #[derive(Clone, Copy, Debug)]
 pub struct Layer {
     /// The picture's pixel at which the target begins.
     pub origin: [usize; 2],
-    /// Whether the target is cleared before.
+    /// True where the target is cleared before.
     pub is_first: bool,
-    /// What depths are divided by, so that those of the whole picture are around 1.
+    /// Unit that depths are divided by, so that those of the whole image are around 1.
     pub depth_unit: f32,
 }
 
@@ -221,7 +221,7 @@ struct SurfelChunk {
 struct Place {
     /// Its first surfel among theirs.
     first: usize,
-    /// What 1 in its own unit is in that of the scene.
+    /// Length of its own unit in that of the scene.
     scale: f32,
 }
 
@@ -245,7 +245,7 @@ impl Canvas {
         })
     }
 
-    /// Whether there would be room.
+    /// Checks that there is room for so many surfels.
     pub fn check(context: &Context, surfels: usize) -> Result<()> {
         let bytes = surfels * size_of::<ProjectedSurfel>();
         context.check_fits("the projected scene", bytes)
@@ -370,7 +370,7 @@ impl GpuRasterizer {
         Order::of(&self.context, &self.cloud.positions, camera, hidden)
     }
 
-    /// What the adapter draws in which order, farthest first: what a window is drawn by, to be held against the CPU's sort.
+    /// Order that the adapter draws surfels in, farthest first, to be held against the CPU's sort.
     ///
     /// # Errors
     /// The driver failed.
@@ -562,7 +562,7 @@ impl GpuRasterizer {
         }
     }
 
-    /// What draws into targets of a format, with depth or without.
+    /// Render pass into targets of a format, with depth or without.
     fn draw_pass(&self, color_format: wgpu::TextureFormat, has_depth: bool) -> &RenderPass {
         let is_half = color_format == wgpu::TextureFormat::Rgba16Float;
         let pass = &self.draw[usize::from(is_half)][usize::from(has_depth)];

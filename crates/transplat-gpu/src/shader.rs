@@ -41,22 +41,22 @@ pub fn rasterize_shade(degree: usize) -> String {
     )
 }
 
-/// What `present.wgsl` has to do for a picture.
+/// Shape of `present.wgsl` for an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct PresentShape {
-    /// Which sides are where.
+    /// Arrangement of the sides.
     pub arrangement: View,
     /// By [`background_number`].
     pub background: u32,
-    /// Of the environment behind.
+    /// Tone curve of the environment behind.
     pub tone_map: ToneMap,
-    /// Whether a table of colours is over any side.
+    /// True where a LUT is over any side.
     pub is_graded: bool,
-    /// Whether exposure is shown as colours.
+    /// True where exposure is shown as false colours.
     pub false_colored: bool,
-    /// Whether there is a ground that does.
+    /// True where a ground catches shadows.
     pub catches_shadows: bool,
-    /// Whether a grid is on the ground.
+    /// True where a grid is on the ground.
     pub has_grid: bool,
 }
 

@@ -19,7 +19,7 @@ pub struct GpuTransfer {
     context: Arc<Context>,
     by: By,
     relit: ResidentSh,
-    /// What of the colour was asked for last.
+    /// Part of the colour that was requested last.
     part: Part,
 }
 

@@ -2,11 +2,7 @@
 
 mod cli;
 mod commands;
-mod ground_truth;
-mod metrics;
-mod savings;
 mod summary;
-mod sweep;
 pub mod viewer;
 
 use std::io::Write as _;

@@ -10,28 +10,28 @@ use serde_json::{Map, Value, json};
 use transplat_core::settings::skips::{Skipped, Stage};
 
 use crate::cli::OutputArgs;
-use crate::savings::Saved;
 use transplat_engine::words::milliseconds;
+use transplat_eval::savings::Saved;
 
 /// Gathers what is told at the end.
 #[derive(Default)]
 pub struct Summary {
     command: &'static str,
-    /// Whether neither progress nor summary are shown.
+    /// True to show neither progress nor summary.
     pub quiet: bool,
-    /// Whether timings are wanted precisely.
+    /// True to measure timings precisely.
     pub json: bool,
-    /// What is worked on, where that is more than one thing.
+    /// Object that is worked on, where there is more than one.
     pub subject: Option<String>,
     fields: Map<String, Value>,
     stages_ms: Map<String, Value>,
     targets: Vec<(String, f32)>,
     notes: Vec<String>,
     skipped: Vec<Skipped>,
-    /// The same as it was measured, for programs.
+    /// Savings as they were measured, for programs.
     saved: Vec<Value>,
     warnings: Vec<String>,
-    /// What could not be done beside all else that was.
+    /// Failures beside all else that was done.
     failed: Vec<String>,
 }
 
@@ -45,7 +45,7 @@ impl Summary {
         }
     }
 
-    /// See [`progress_bar`].
+    /// A progress bar, unless it is to be quiet. See [`progress_bar`].
     pub fn progress_bar(&self, what: &'static str) -> ProgressBar {
         progress_bar(self.quiet, what)
     }
@@ -99,7 +99,7 @@ impl Summary {
         }
     }
 
-    /// The same as it was measured, in the JSON object alone.
+    /// Notes a saving as it was measured, in the JSON object alone.
     pub fn saved(&mut self, saved: &Saved) {
         self.saved.push(json!({
             "what": format!("{} ({})", saved.skipped.what, saved.method.preset()),

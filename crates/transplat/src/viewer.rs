@@ -46,7 +46,7 @@ pub use app::{Startup, Viewer};
 pub use export::task::Task;
 pub use transplat_engine::output::ImageFormat;
 
-/// How a window's device is made: the best adapter with all its limits, software drivers last or alone.
+/// Device setup of a window: the best adapter with all its limits, software drivers last or alone.
 pub fn wgpu_setup(software_only: bool) -> WgpuSetup {
     let mut setup = WgpuSetupCreateNew::without_display_handle();
     setup.native_adapter_selector = Some(Arc::new(move |adapters, surface| {
@@ -97,7 +97,7 @@ fn icon() -> Result<egui::IconData> {
     ))?)
 }
 
-/// What a window's failure means in plain words.
+/// Cause of a window's failure in plain words.
 fn plain(error: &str) -> String {
     let has_display = ["DISPLAY", "WAYLAND_DISPLAY"]
         .iter()

@@ -11,19 +11,19 @@ const MANY: usize = 1 << 17;
 /// So many of the nearest directions have to agree.
 const NEAREST: usize = 3;
 
-/// What it was measured to change of the relit colour of single surfels (relative L2): at most that on five objects of 70,000 to 240,000 surfels
-/// under five lights, a plant under lamps; a quarter of it on most.
+/// Error of the relit colour of single surfels (relative L2) by inferred visibility: at most that on five objects of 70,000 to 240,000 surfels under
+/// five lights, a plant under lamps; a quarter of it on most.
 pub const AGREED_ERROR: f32 = 0.05;
 
-/// Which directions tell of which others.
+/// Directions whose visibility is inferred from others.
 pub(super) struct Agreed {
     /// The nearest ones to each direction, as bits; none where it is traced in any case. `[DIRECTIONS]`
     nearest: Vec<Option<[u64; WORDS]>>,
 }
 
 impl Agreed {
-    /// Of so many surfels, for the rays of some patches, which follow in [`refining_order`] on others that are done. Traced in any case are the
-    /// patches' first directions, and those of which one of the nearest is not known by then.
+    /// Inference for so many surfels and the rays of some patches, which follow in [`refining_order`] on others that are done. Traced in any case are
+    /// the patches' first directions, and those with a nearest one that is not known by then.
     pub fn of(directions: &[Vec3], patches: &[usize], surfels: usize) -> Self {
         if surfels < MANY {
             return Self::none();
@@ -38,7 +38,7 @@ impl Agreed {
         }
     }
 
-    /// The same, however few surfels there are.
+    /// Inference as for very many surfels.
     pub fn of_many(directions: &[Vec3], patches: &[usize]) -> Self {
         let order = refining_order(PATCHES);
         let last = order.iter().position(|p| patches.last() == Some(p));
@@ -61,7 +61,7 @@ impl Agreed {
         }
     }
 
-    /// Whether a direction is open, where the nearest ones all say so, or all say the contrary.
+    /// Visibility of a direction, where the nearest ones agree.
     #[inline(always)]
     pub fn tells(&self, j: usize, open: &[u64; WORDS]) -> Option<bool> {
         let mask = self.nearest[j].as_ref()?;

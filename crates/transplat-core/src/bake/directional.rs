@@ -29,34 +29,34 @@ const CLOSED: f32 = 0.02;
 /// Share of a bake that finding the fronts takes, for its progress.
 const FRONTS_SHARE: f64 = 0.2;
 
-/// And of the rest, who shares with whom.
+/// Share of the rest that finds visibility clusters.
 const SHARING_SHARE: f64 = 0.1;
 
-/// What closing sides was measured to change of the relit colour (relative L2): at most that on eight objects, a plant of single sheets being
-/// the worst; on solid ones a fifth of that and less.
+/// Error of the relit colour (relative L2) by closed sides: at most that on eight objects, a plant of single sheets being the worst; on solid ones a
+/// fifth of that and less.
 pub const CLOSED_SIDES_ERROR: f32 = 3e-3;
 
 /// Openness of a surfel's back at which it begins to be two-sided, and at which it wholly is: at the edge of a closed object
 /// a few rays pass behind.
 pub const TWO_SIDED: [f32; 2] = [0.08, 0.38];
 
-/// What the directional method needs of the geometry.
+/// Visibility of a splat for the directional method.
 #[derive(Clone, Debug)]
 pub struct DirectionalBake {
-    /// What each surfel sees.
+    /// Directional visibility of each surfel.
     pub sight: Sight,
     /// Unit normals of the surface, towards the front. `[n]`
     pub normals: Vec<Vec3>,
-    /// How much each surfel makes up of what is seen of the asset, sums to 1. `[n]`
+    /// Visible weight of each surfel, sums to 1. `[n]`
     pub prominence: Vec<f32>,
     /// Share of what is seen that is ambiguous, 0 to 1: [`DirectionalBake::is_ambiguous`].
     pub ambiguous_share: f32,
     /// Angle between a surfel's own normal and that of the surface that it is part of, in degrees: half of what is seen is below it. 0 of no
     /// surfel.
     pub normal_noise: f32,
-    /// How much of a two-sided surfel it is, 0 to 1. `[n]`
+    /// Degree to which a surfel is two-sided, 0 to 1. `[n]`
     pub two_sided: Vec<f32>,
-    /// How many stored normals pointed to the back.
+    /// Number of stored normals that pointed to the back.
     pub flipped: usize,
     /// Surfels that are closed on both sides.
     pub buried: usize,
@@ -66,7 +66,7 @@ pub struct DirectionalBake {
     pub open_object_error: Option<f32>,
     /// Share of the rays that were not traced, since they go into closed sides.
     pub closed_share: f32,
-    /// The same of those that others tell of.
+    /// Share of rays whose visibility is inferred.
     pub agreed_share: f32,
 }
 
@@ -79,8 +79,8 @@ impl DirectionalBake {
         Self::bake_in_stages(cloud, (&[1], &Skips::default()), progress, |_, _| ())
     }
 
-    /// The same, usable before it is done: after each share of the patches (one in so many, the last of them 1), `preview` gets what there
-    /// is, with the rest as the nearest patch has it, and how much is done.
+    /// Bakes in stages: after each share of the patches (one in so many, the last of them 1), `preview` gets what there is, with the rest as the
+    /// nearest patch has it, and the share that is done.
     ///
     /// # Errors
     /// As [`DirectionalBake::bake`].
@@ -94,7 +94,7 @@ impl DirectionalBake {
         Self::bake_through(cloud, &tracer, stages, progress, preview)
     }
 
-    /// The same, its beginning made.
+    /// Bakes with a tracer that is built already.
     ///
     /// # Errors
     /// [`Error::Cancelled`] when `progress` asked for it.

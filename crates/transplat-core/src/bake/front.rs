@@ -22,14 +22,14 @@ use crate::surfels::SurfelCloud;
 /// Directions from which it is asked how much of a surfel is seen.
 const DIRECTIONS: usize = 24;
 
-/// Of so many surfels it is asked on grids, from fewer directions: what is seen of one alone matters little.
+/// Surfels from which on sides are rasterized on grids, from fewer directions: what is seen of one alone matters little.
 const MANY: usize = 1 << 17;
 const DIRECTIONS_OF_MANY: usize = 12;
 
 /// Directions at which its colour is looked at.
 const VIEWS: usize = 24;
 
-/// What is seen of a side that is not seen at all, so that its odds stay finite.
+/// Visible share of a side that is not seen at all, so that its odds stay finite.
 const LEAST_SEEN: f32 = 0.02;
 
 /// Less than this share of what is seen from the other side, and the front is beyond doubt.
@@ -66,7 +66,7 @@ const OWN_WEIGHT: f32 = 4.0;
 /// Turns of the averaging.
 const SMOOTHING_TURNS: usize = 3;
 
-/// What is seen of a back that is hidden, and how certain the front has to be, of 255.
+/// Visible share of a back that is hidden, and certainty that the front must have, of 255.
 const HIDDEN: u8 = 2;
 const CERTAINLY: u8 = 250;
 
@@ -83,15 +83,15 @@ const WELL_SEEN: f32 = 0.25;
 /// Less than this share of what is seen of a surfel from beyond, and it lies on another face.
 const SEEN_AS_WELL: f32 = 0.7;
 
-/// Which side of a surfel is its front; eight bytes, as in a bake's file.
+/// Outward side of a surfel; eight bytes, as in a bake's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Front {
-    /// How much of it is seen from the stored normal's side, and from the other one: 255 is all. Over the directions of a hemisphere, by cosine.
+    /// Visible shares from the stored normal's side and from the other one, 255 for all, cosine-weighted over a hemisphere.
     seen: [u8; 2],
-    /// Whether the front is the side that the stored normal does not point to.
+    /// 1 where the outward side is the one that the stored normal does not point to.
     turned: u8,
-    /// How probable that is: 0 is as probable as not, 255 certain.
+    /// Certainty of the outward side: 0 for even odds, 255 for certain.
     certainty: u8,
     /// The surface's normal on the octahedron.
     surface_normal: [i16; 2],
@@ -107,23 +107,23 @@ impl Front {
         }
     }
 
-    /// Whether the stored normal points to the back.
+    /// True where the stored normal points to the back.
     pub fn is_turned(&self) -> bool {
         self.turned != 0
     }
 
-    /// How much of it is seen from its front, 0 to 1.
+    /// Visible share from its front, 0 to 1.
     pub fn seen(&self) -> f32 {
         f32::from(self.seen[usize::from(self.is_turned())]) / 255.0
     }
 
-    /// Whether it is seen from its front alone.
+    /// True where it is seen from its front alone.
     pub fn is_one_sided(&self) -> bool {
         let [a, b] = self.seen.map(f32::from);
         a.min(b) < ONE_SIDED * a.max(b)
     }
 
-    /// Whether certainly nothing is seen of its back.
+    /// True where certainly nothing is seen of its back.
     pub fn hides_its_back(&self) -> bool {
         self.seen[usize::from(!self.is_turned())] <= HIDDEN && self.certainty >= CERTAINLY
     }
@@ -133,7 +133,7 @@ impl Front {
         f32::from(self.certainty) / 255.0
     }
 
-    /// Whether it is little better than a guess.
+    /// True where it is little better than a guess.
     pub fn is_guess(&self) -> bool {
         self.certainty() < GUESS
     }
@@ -147,7 +147,7 @@ impl Front {
 /// The fronts of an asset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fronts {
-    /// Of each surfel. `[n]`
+    /// Outward side of each surfel. `[n]`
     pub of: Vec<Front>,
 }
 
@@ -160,7 +160,7 @@ impl Fronts {
         }
     }
 
-    /// Those of some of the surfels.
+    /// Outward sides of some of the surfels.
     pub fn selected(&self, taken: &[usize]) -> Self {
         Self {
             of: taken.iter().map(|i| self.of[*i]).collect(),
@@ -204,7 +204,7 @@ impl Fronts {
         if self.of[i].is_turned() { -n } else { n }
     }
 
-    /// How much each surfel makes up of what is seen of the asset: its area, by its opacity, by how much of it is seen. `[n]`, sums to 1
+    /// Visible weight of each surfel: its area times opacity times visible share. `[n]`, sums to 1
     pub fn prominence(&self, cloud: &SurfelCloud) -> Vec<f32> {
         let largest = (cloud.scales.iter()).fold(0f32, |l, s| l.max(s.max_element()));
         let unit = largest.max(f32::MIN_POSITIVE);
@@ -227,7 +227,7 @@ fn seen_area(cloud: &SurfelCloud, i: usize, seen: f32, unit: f32) -> f32 {
     seen * cloud.opacities[i] * (cloud.scales[i] / unit).element_product()
 }
 
-/// How much of each surfel is seen from the stored normal's side, and from the other one, 0 to 1: cosine-weighted means. `[n]`
+/// Visible share of each surfel from the stored normal's side and from the other one, 0 to 1: cosine-weighted means. `[n]`
 fn seen_from_sides(
     veils: &Veils,
     normals: &[Vec3],
@@ -265,7 +265,7 @@ fn seen_from_sides(
     Ok(seen)
 }
 
-/// The same by blending all of them once for each direction. `[n]`
+/// Visible shares by blending all surfels once for each direction. `[n]`
 fn seen_on_grids(
     veils: &Veils,
     grid: &LightGrid,
@@ -310,8 +310,8 @@ fn share([seen, all]: [f32; 2]) -> f32 {
     (seen / all.max(1e-6)).clamp(0.0, 1.0)
 }
 
-/// How much the stored colour varies with the view on the stored normal's side, and on the other one: its squared distance to the mean
-/// colour, cosine-weighted. `[n]`
+/// Variation of the stored colour with the view on the stored normal's side and on the other one: squared distance to the mean colour,
+/// cosine-weighted. `[n]`
 fn variation_on_sides(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<[f32; 2]> {
     let views = lattice(VIEWS);
     let k = coefficient_count(cloud.sh_degree);

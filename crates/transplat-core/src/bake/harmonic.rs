@@ -43,12 +43,12 @@ pub const TAPS: [[f32; 2]; 8] = [
 /// Sharpness of the exponential shadow, per object radius.
 pub const SHARPNESS: f32 = 200.0;
 
-/// How a surfel is compared with a map.
+/// Filter of the comparison with an exponential shadow map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Softness {
     /// The first so many of [`TAPS`].
     pub taps: usize,
-    /// Of the exponential shadow, per object radius.
+    /// Sharpness of the exponential shadow, per object radius.
     pub sharpness: f32,
 }
 
@@ -81,7 +81,7 @@ pub struct MapFrame {
     pub direction: Vec3,
 }
 
-/// What CPU, GPU and oracle agree on before a bake: frames, scaled surfels, and the size of the maps.
+/// Input of the bake that CPU, GPU and oracle share: frames, scaled surfels, and the size of the maps.
 #[derive(Clone, Debug)]
 pub struct BakeInput {
     /// One a direction.
@@ -92,7 +92,7 @@ pub struct BakeInput {
     pub resolution: usize,
     /// Where the scaled coordinates have their origin, in the asset's.
     pub center: Vec3,
-    /// What 1 in the scaled coordinates is, in scene units.
+    /// Length of the scaled unit, in scene units.
     pub radius: f32,
 }
 
@@ -200,7 +200,7 @@ fn draw_height_map(input: &BakeInput, frame: &MapFrame, map: &mut [f32]) {
     }
 }
 
-/// How open a surfel is towards a map's direction, 0 to 1.
+/// Openness of a surfel towards a map's direction, 0 to 1.
 #[multiversion(targets("x86_64+avx2", "aarch64+neon"))]
 fn look_up(
     input: &BakeInput,
@@ -256,8 +256,7 @@ pub fn bake_harmonic(input: &BakeInput, progress: Progress<'_>) -> Result<Vec<u8
     bake_receivers(input, &input.surfels, Softness::default(), progress)
 }
 
-/// The same for any receivers among the input's surfels, as a ground under them, and of any softness. Returns openness `[receivers][N]` in
-/// bytes.
+/// Bakes any receivers among the input's surfels, such as a ground under them, with any filter. Returns openness `[receivers][N]` in bytes.
 ///
 /// # Errors
 /// [`Error::Cancelled`] when `progress` asked for it.
@@ -307,7 +306,7 @@ pub struct HarmonicBake {
     pub normals: Vec<Vec3>,
     /// Surfels whose two sides are about equally open: the light decides which of them counts. `[n]`
     pub two_sided: Vec<bool>,
-    /// How many stored normals pointed to the closed side.
+    /// Number of stored normals that pointed to the closed side.
     pub flipped: usize,
     /// Surfels that are closed on both sides.
     pub buried: usize,
@@ -414,7 +413,7 @@ impl HarmonicBake {
         all
     }
 
-    /// The same visibility, as blurred as a series of a degree is; the light keeps its own.
+    /// Visibility as blurred as an SH series of a degree; the light keeps its own.
     pub fn of_degree(&self, degree: usize) -> Self {
         Self {
             max_degree: degree,

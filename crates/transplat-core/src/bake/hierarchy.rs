@@ -15,13 +15,13 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 /// Rays that are asked for together, in one call.
 pub const PACKET: usize = 16;
 
-/// What is held against a ray at once: boxes of a node, or things in a leaf.
+/// Boxes of a node, or things in a leaf, that are tested against a ray at once.
 pub(super) const WIDE: usize = 8;
 
 /// A number of each of them.
 pub(super) type Wide = [f32; WIDE];
 
-/// What a box costs to look into beside the things in it, in things: as a full leaf costs what one thing does, leaves are filled.
+/// Cost of a box beside the things in it, in things: as a full leaf costs what one thing does, leaves are filled.
 const BOX_COST: f32 = WIDE as f32;
 
 /// Boxes side by side, in the order of their middles along an axis.
@@ -31,15 +31,15 @@ struct Node {
     /// Lower and upper corners, by axis; what is not there ends before it begins.
     corners: [[Wide; 3]; 2],
     inside: [Inside; WIDE],
-    /// That axis.
+    /// Axis of the split.
     axis: u32,
 }
 
-/// What is in a box: the node of that number, or with [`LEAF`] the leaf.
+/// Content of a box: the node of that number, or with [`LEAF`] the leaf.
 #[derive(Clone, Copy, Debug)]
 struct Inside(u32);
 
-/// See [`Inside`].
+/// Bit that marks a leaf in [`Inside`].
 const LEAF: u32 = 1 << 31;
 
 impl Inside {
@@ -48,10 +48,10 @@ impl Inside {
     }
 }
 
-/// What a walk has still to look into, and where its ray enters that.
+/// Boxes that a walk has still to look into, and where its ray enters them.
 pub type Stack = Vec<Waiting>;
 
-/// See [`Stack`].
+/// Entry of a [`Stack`].
 #[derive(Clone, Copy, Debug)]
 pub struct Waiting {
     inside: Inside,
@@ -72,11 +72,11 @@ pub struct BoxInOrder {
     pub min: Vec3,
     /// The opposite one.
     pub max: Vec3,
-    /// What follows all that is in the box.
+    /// Index of the node after all that is in the box.
     pub skip: u32,
     /// First of the things in it.
     pub first: u32,
-    /// How many things are in it; 0 where it holds boxes.
+    /// Number of things in it; 0 where it holds boxes.
     pub count: u32,
 }
 
@@ -181,12 +181,12 @@ impl Hierarchy {
         (self.starts.windows(2)).map(|w| w[0] as usize..w[1] as usize)
     }
 
-    /// How many things there are.
+    /// Number of things.
     pub fn things(&self) -> usize {
         self.starts.last().map_or(0, |end| *end as usize)
     }
 
-    /// How many boxes there are.
+    /// Number of boxes.
     pub fn len(&self) -> usize {
         // Each is in another one, but for the one that holds all.
         (self.nodes.len() + self.starts.len()).saturating_sub(2)
@@ -325,7 +325,7 @@ fn unfold<'a>(nodes: &'a [Bvh2Node], root: &'a Bvh2Node) -> Vec<&'a Bvh2Node> {
 }
 
 impl Node {
-    /// Of boxes, which are brought into its order; what is in them is left open.
+    /// Box of some children, which are brought into its order; its content is left open.
     fn of(children: &mut [&Bvh2Node]) -> Self {
         let middle = |node: &Bvh2Node| node.aabb.center();
         let middles = children.iter().map(|node| middle(node));
@@ -355,7 +355,7 @@ pub(super) struct Ray<S: Simd> {
     inverse: [f32x8<S>; 3],
     /// On which side of a box it enters that, by axis.
     side: [usize; 3],
-    /// What it meets before that does not count.
+    /// Distance before which hits do not count.
     start: f32x8<S>,
 }
 
@@ -403,7 +403,7 @@ pub(super) struct Ellipses {
 
 /// Where a ray meets the planes of ellipses.
 pub(super) struct Meeting<S: Simd> {
-    /// How far along it; infinitely far where it does not face them.
+    /// Distance along it; infinite where it does not face them.
     pub distance: f32x8<S>,
     /// The square of how far off the middle that is: 1 on the ellipse, and any number or none where it is infinitely far.
     pub off: f32x8<S>,

@@ -20,24 +20,24 @@ pub const SHADOW_REACH: [f32; 2] = [3.0, 4.0];
 pub struct Standing {
     /// Its surfels, in the scene's coordinates.
     pub cloud: Arc<SurfelCloud>,
-    /// What those see of themselves.
+    /// Visibility of the object by itself.
     pub bake: Arc<HarmonicBake>,
-    /// How it is turned.
+    /// Rotation of the object.
     pub turn: Quat,
 }
 
-/// What an object does to the scene around it.
+/// Shadow of an object on the scene around it.
 #[derive(Clone, Debug)]
 pub struct ShadowBake {
     /// The object.
     pub ball: Bounds,
     /// The scene's surfels that it reaches, and how much of the shadow they get, 0 to 1.
     pub near: Vec<(usize, f32)>,
-    /// Those by themselves.
+    /// Surfels around, by themselves.
     pub around: SurfelCloud,
-    /// What they see without the object.
+    /// Visibility of those without the object.
     pub without: HarmonicBake,
-    /// And with it: more rows than they are, of which the first are theirs.
+    /// Visibility with the object: more rows than they are, of which the first are theirs.
     pub with: HarmonicBake,
 }
 
@@ -46,9 +46,9 @@ pub struct ShadowBake {
 pub struct InsertionBake {
     /// The scene first. Surfels are numbered object after object.
     pub objects: Vec<Standing>,
-    /// Of those that reach any of the scene's surfels, with which of the objects each is.
+    /// Shadows that reach any of the scene's surfels, each with the index of its object.
     pub shadows: Vec<(usize, Arc<ShadowBake>)>,
-    /// What each surfel of the scene sees of its own object.
+    /// Visibility of each surfel within its own object.
     pub together: Arc<HarmonicBake>,
 }
 
@@ -137,7 +137,7 @@ impl ShadowBake {
     }
 }
 
-/// How much of an object's shadow a place gets, 0 to 1.
+/// Share of an object's shadow that a place gets, 0 to 1.
 fn reach(place: Vec3, ball: &Bounds) -> f32 {
     let radii = place.distance(ball.center) / ball.radius;
     1.0 - smoothstep(SHADOW_REACH[0], SHADOW_REACH[1], radii)

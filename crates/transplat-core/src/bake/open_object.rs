@@ -18,7 +18,7 @@ const GRAZING: f32 = 0.2;
 /// An object of which every surfel's side is wholly open or wholly closed.
 #[derive(Clone, Debug)]
 pub struct OpenObject {
-    /// Which sides are open: that of the stored normal, and the other one. `[n]`
+    /// Open sides: that of the stored normal, and the other one. `[n]`
     pub open: Vec<[bool; 2]>,
     /// The share of the irradiance in even light that this may miss, the mean over the surfels: what blocked the grazing directions that were
     /// asked, and what may hide between those that were not (with 95 % confidence, the rule of three).
@@ -26,7 +26,7 @@ pub struct OpenObject {
     normals: Vec<Vec3>,
 }
 
-/// What is known of a surfel's sides.
+/// Openness of a surfel's sides.
 #[derive(Clone, Copy, Default)]
 struct SideOpenness {
     open: [bool; 2],
@@ -95,12 +95,12 @@ impl OpenObject {
         })
     }
 
-    /// Whether surfel `i` sees all the way out towards a direction.
+    /// True where surfel `i` sees all the way out towards a direction.
     pub fn is_open(&self, i: usize, direction: Vec3) -> bool {
         self.open[i][usize::from(self.normals[i].dot(direction) < 0.0)]
     }
 
-    /// What all rays of some surfels would find.
+    /// Hits of all rays of some surfels.
     pub(super) fn found(&self, of: &[u32]) -> Vec<Found> {
         let directions = directions();
         of.par_iter()

@@ -46,7 +46,7 @@ pub fn directions() -> Vec<Vec3> {
 
 /// Bits of a [`Hit`] that name its surfel, and those above them that name its patch.
 pub const SURFEL_BITS: u32 = 24;
-/// See [`SURFEL_BITS`].
+/// Bits of a patch. See [`SURFEL_BITS`].
 pub const PATCH_BITS: u32 = 7;
 
 /// The largest asset whose surfels a [`Hit`] can name.
@@ -76,13 +76,13 @@ impl Hit {
         (self.0 >> SURFEL_BITS & ((1 << PATCH_BITS) - 1)) as usize
     }
 
-    /// Whether the surfel is met on its back.
+    /// True where the surfel is hit on its back.
     #[inline(always)]
     pub fn is_back(self) -> bool {
         self.0 & Self::BACK != 0
     }
 
-    /// The same of an object whose surfels follow others.
+    /// Hit in a scene, where the object's surfels follow others.
     pub(super) fn counted_from(self, first: u32) -> Self {
         Self(self.0 + first)
     }
@@ -92,16 +92,16 @@ impl Hit {
     }
 }
 
-/// What the rays of one surfel found.
+/// Hits of the rays of one surfel.
 #[derive(Clone, Debug, Default)]
 pub struct Found {
-    /// Which surfel they start from.
+    /// Index of the surfel that they start from.
     pub surfel: u32,
     pub(crate) open: [u64; WORDS],
     pub(crate) hits: Vec<Hit>,
-    /// Whether the back is known to be closed: its rays are not traced any more.
+    /// True where the back is known to be closed: its rays are not traced any more.
     pub back_is_closed: bool,
-    /// How many directions were not traced, since others tell of them.
+    /// Number of directions that were inferred instead of traced.
     pub(crate) told: u16,
 }
 
@@ -126,7 +126,7 @@ impl Found {
         self.open[j / 64] |= u64::from(open) << (j % 64);
     }
 
-    /// Whether a direction, whose cosine to the front's normal it is, is on a closed side.
+    /// True for a direction on a closed side, given its cosine to the front's normal.
     pub(super) fn is_closed(&self, cosine: f32) -> bool {
         self.back_is_closed && cosine < 0.0
     }

@@ -32,7 +32,7 @@ pub(crate) struct ScaledObject {
     pub surfels: Vec<BakeSurfel>,
     /// Where the scaled coordinates have their origin, in the asset's.
     pub center: Vec3,
-    /// What 1 in the scaled coordinates is, in scene units.
+    /// Length of the scaled unit, in scene units.
     pub radius: f32,
     /// Median of the surfels' larger standard deviations, scaled.
     pub median_size: f32,

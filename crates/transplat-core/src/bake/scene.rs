@@ -9,12 +9,12 @@ use super::surroundings::{Detail, Placed, Surroundings};
 use crate::error::Result;
 use crate::progress::Progress;
 
-/// What a scene of several objects needs of its geometry. Its surfels are numbered object after object.
+/// Visibility of a scene of several objects. Its surfels are numbered object after object.
 #[derive(Clone, Debug)]
 pub struct SceneBake {
     /// The objects where they stand.
     pub objects: Vec<Placed>,
-    /// What each of them sees.
+    /// Inter-object visibility of each object.
     pub surroundings: Vec<Arc<Surroundings>>,
     /// Unit normals towards the front, in the scene's coordinates. `[n]`
     pub normals: Vec<Vec3>,
@@ -29,7 +29,7 @@ impl SceneBake {
         Self::in_detail(objects, Detail::Full, progress)
     }
 
-    /// The same as finely as it is asked for.
+    /// Bakes a scene at a level of detail.
     ///
     /// # Errors
     /// As [`SceneBake::new`].
@@ -69,13 +69,13 @@ impl SceneBake {
         (object, i - self.surroundings[object].first)
     }
 
-    /// What surfel `i`'s own object says of it.
+    /// Property of surfel `i` by its own object's bake.
     pub fn of_surfel<T>(&self, i: usize, of: impl Fn(&DirectionalBake, usize) -> T) -> T {
         let (object, i) = self.locate(i);
         of(&self.objects[object].bake, i)
     }
 
-    /// Which surfels are an object's.
+    /// Range of an object's surfels.
     pub fn surfels_of(&self, object: usize) -> std::ops::Range<usize> {
         let first = self.surroundings[object].first;
         first..first + self.objects[object].bake.len()
@@ -86,7 +86,7 @@ impl SceneBake {
         self.surroundings.iter().map(|s| s.sight.bytes()).sum()
     }
 
-    /// How open each direction is around surfel `i`, 0 or 1.
+    /// Openness of each direction around surfel `i`, 0 or 1.
     pub fn seen_by(&self, i: usize) -> Vec<(Vec3, f32)> {
         let (object, i) = self.locate(i);
         let turn = self.objects[object].turn();
@@ -102,7 +102,7 @@ impl SceneBake {
             .collect()
     }
 
-    /// That of one object's surfels.
+    /// Openness of one object's surfels.
     pub fn openness_of(&self, object: usize) -> Vec<f32> {
         let sight = &self.surroundings[object].sight;
         sight.openness(&self.objects[object].bake.normals)

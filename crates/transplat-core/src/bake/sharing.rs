@@ -22,11 +22,11 @@ const MOST_OFF: u32 = 3;
 /// Cosine between the normals of a surfel and its leader, at least.
 const LEAST_ALIKE: f32 = 0.9;
 
-/// What sharing was measured to change of the relit colour of single surfels (relative L2): at most that on four objects of 90,000 to 240,000
-/// surfels, two thirds of it on most. It is noise: pictures, where many overlap, are off by a fifth to a half of it.
+/// Error of the relit colour of single surfels (relative L2) by visibility clusters: at most that on four objects of 90,000 to 240,000 surfels, two
+/// thirds of it on most. It is noise: images, where many overlap, are off by a fifth to a half of it.
 pub const SHARED_SIGHT_ERROR: f32 = 0.08;
 
-/// Which surfels share what one of them sees.
+/// Visibility clusters: surfels that share the rays of one of them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sharing {
     /// The row that each surfel looks up what it sees in. `[n]`
@@ -48,7 +48,7 @@ impl Sharing {
         }
     }
 
-    /// Of what was stored, if it belongs together: each leader has its own row.
+    /// Clusters from stored rows, if they are consistent: each leader has its own row.
     pub fn of_rows(row_of: Vec<u32>, leaders: Vec<u32>) -> Option<Self> {
         let leads =
             |(row, surfel): (usize, &u32)| row_of.get(*surfel as usize) == Some(&(row as u32));
@@ -57,7 +57,7 @@ impl Sharing {
         is_whole.then_some(Self { row_of, leaders })
     }
 
-    /// Of so many surfels how many at most share: 1 is none.
+    /// Largest cluster for so many surfels: 1 is none.
     pub fn together(surfels: usize) -> usize {
         (surfels / EACH_OWN).clamp(1, TOGETHER)
     }
@@ -143,18 +143,18 @@ impl Sharing {
         self.row_of.len()
     }
 
-    /// Whether there is no surfel.
+    /// True without any surfel.
     pub fn is_empty(&self) -> bool {
         self.row_of.is_empty()
     }
 
-    /// What is known of rows, for surfels. `[n]`
+    /// Spreads values of rows to surfels. `[n]`
     pub fn spread<T: Copy>(&self, of_rows: &[T]) -> Vec<T> {
         let each = self.row_of.iter();
         each.map(|row| of_rows[*row as usize]).collect()
     }
 
-    /// How many surfels look up rows that are such.
+    /// Number of surfels whose rows have a property.
     pub fn count(&self, is_such: impl Fn(usize) -> bool) -> usize {
         let each = self.row_of.iter();
         each.filter(|row| is_such(**row as usize)).count()

@@ -8,12 +8,12 @@ use rayon::prelude::*;
 use super::patches::{DIRECTIONS, Hit, WORDS, directions};
 use super::sharing::Sharing;
 
-/// What each surfel sees in each direction.
+/// Directional visibility of each surfel.
 #[derive(Clone, Debug)]
 pub struct Sight {
-    /// Which of them see the same.
+    /// Clusters of surfels with the same visibility.
     pub sharing: Arc<Sharing>,
-    /// Whether the direction is open, a bit each. `[rows][WORDS]`
+    /// Open directions, a bit each. `[rows][WORDS]`
     pub open: Vec<[u64; WORDS]>,
     /// Where the blocked directions of each row begin in `hits`. `[rows + 1]`
     pub starts: Vec<u32>,
@@ -27,24 +27,24 @@ impl Sight {
         self.hits_of_row(self.sharing.row(i))
     }
 
-    /// Those of a row.
+    /// Hits of a row.
     pub fn hits_of_row(&self, row: usize) -> &[Hit] {
         &self.hits[self.starts[row] as usize..self.starts[row + 1] as usize]
     }
 
-    /// Which directions are open for surfel `i`, a bit each.
+    /// Open directions of surfel `i`, a bit each.
     #[inline(always)]
     pub fn open_of(&self, i: usize) -> &[u64; WORDS] {
         &self.open[self.sharing.row(i)]
     }
 
-    /// Whether surfel `i` sees all the way out towards direction `j`.
+    /// True where surfel `i` sees all the way out towards direction `j`.
     #[inline(always)]
     pub fn is_open(&self, i: usize, j: usize) -> bool {
         is_open(self.open_of(i), j)
     }
 
-    /// How open each direction is around surfel `i`, 0 or 1.
+    /// Openness of each direction around surfel `i`, 0 or 1.
     pub fn seen_by(&self, i: usize) -> Vec<(Vec3, f32)> {
         let each = directions().into_iter().enumerate();
         each.map(|(j, d)| (d, f32::from(u8::from(self.is_open(i, j)))))
@@ -69,12 +69,12 @@ impl Sight {
     }
 }
 
-/// Whether what a surfel meets in a direction counts: that in front and, where there are two sides, that behind.
+/// True where a hit in a direction counts: in front and, where there are two sides, behind.
 pub(super) fn sees(normal: Vec3, two_sided: f32, direction: Vec3) -> bool {
     two_sided > 0.0 || normal.dot(direction) > 0.0
 }
 
-/// Whether a ray sees the back of the surfel that it meets: that of a two-sided one, from behind.
+/// True where a ray hits the back of a surfel: that of a two-sided one, from behind.
 pub(super) fn is_met_on_back(normal: Vec3, two_sided: f32, direction: Vec3) -> bool {
     two_sided > 0.0 && normal.dot(direction) > 0.0
 }

@@ -18,21 +18,21 @@ use crate::progress::Progress;
 /// An object of a scene, as rays see it.
 #[derive(Clone, Debug)]
 pub struct Placed {
-    /// What it sees alone.
+    /// Visibility of the object alone.
     pub bake: Arc<DirectionalBake>,
     /// From its coordinates to the scene's: a turn, a move, and one scale for all axes.
     pub scene_from_object: Affine3A,
-    /// What it was cut out of.
+    /// Bake of the whole that it was cut out of.
     pub whole: Option<Arc<DirectionalBake>>,
 }
 
 impl Placed {
-    /// Whether both are parts of one capture, which knows how they were lit side by side.
+    /// True where both are parts of one capture, which knows how they were lit side by side.
     pub fn is_of_capture_of(&self, other: &Self) -> bool {
         matches!((&self.whole, &other.whole), (Some(a), Some(b)) if Arc::ptr_eq(a, b))
     }
 
-    /// Whether the two stand as they were captured, so that surfaces may go from one to the other.
+    /// True where the two stand as they were captured, so that surfaces may go from one to the other.
     fn is_one_body_with(&self, other: &Self) -> bool {
         self.is_of_capture_of(other) && self.scene_from_object == other.scene_from_object
     }
@@ -50,13 +50,13 @@ struct Other {
     bake: Arc<DirectionalBake>,
     /// From the one's coordinates for rays to its own.
     other_from_own: Affine3A,
-    /// What 1 in the one's coordinates is in its own.
+    /// Length of the one's unit in its own.
     scale: f32,
     /// A ball around all that casts a shadow, in its coordinates.
     ball: (Vec3, f32),
     /// Its first surfel among those of the scene.
     first: u32,
-    /// Whether a surfel's own stack may go on in it, see [`Placed::is_one_body_with`].
+    /// True where a surfel's own layer stack may go on in it, see [`Placed::is_one_body_with`].
     is_one_body: bool,
 }
 
@@ -76,7 +76,7 @@ impl Other {
         self.other_from_own.transform_vector3(own) / self.scale
     }
 
-    /// What a ray towards a direction meets, both in its coordinates: the side that it comes from.
+    /// Hit of a ray towards a direction, both in its coordinates: the side that it comes from.
     fn hit(&self, patch: usize, surfel: u32, toward: Vec3) -> Hit {
         let i = surfel as usize;
         let (normal, two_sided) = (self.bake.normals[i], self.bake.two_sided[i]);
@@ -84,12 +84,12 @@ impl Other {
         Hit::new(patch, self.first + surfel).on(on_back)
     }
 
-    /// Whether a ray, in this object's coordinates, may meet it.
+    /// True where a ray, in this object's coordinates, may hit it.
     fn is_near(&self, origin: Vec3, direction: Vec3) -> bool {
         self.is_within(self.ball.1, origin, direction)
     }
 
-    /// Whether any ray may that starts in a ball of the one's coordinates.
+    /// True where any ray may hit it that starts in a ball of the one's coordinates.
     fn is_near_any(&self, (middle, radius): (Vec3, f32), direction: Vec3) -> bool {
         let origin = self.other_from_own.transform_point3(middle);
         self.is_within(self.ball.1 + self.scale * radius, origin, direction)
@@ -106,7 +106,7 @@ impl Other {
 /// Rows of what an object's surfels see that are still told apart where it is traced coarsely.
 const COARSE_ROWS: usize = 5000;
 
-/// How finely objects are traced.
+/// Level of detail of a trace between objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
     /// Every surfel in every direction.
@@ -116,7 +116,7 @@ pub enum Detail {
 }
 
 impl Detail {
-    /// How many directions are traced, those that come first.
+    /// Number of directions that are traced, those that come first.
     fn directions(self) -> usize {
         match self {
             Self::Full => DIRECTIONS,
@@ -124,7 +124,7 @@ impl Detail {
         }
     }
 
-    /// How many neighbouring rows of what an object's surfels see are taken to be the same.
+    /// Number of neighbouring rows whose inter-object visibility is taken to be equal.
     fn rows_together(self, rows: usize) -> usize {
         match self {
             Self::Full => 1,
@@ -133,24 +133,24 @@ impl Detail {
     }
 }
 
-/// What surrounds the surfels of an object in a scene.
+/// Inter-object visibility of an object's surfels in a scene.
 #[derive(Clone, Debug)]
 pub struct Surroundings {
-    /// What each of them sees; hits count the surfels of all objects of the scene.
+    /// Directional visibility of each surfel; hits count the surfels of all objects of the scene.
     pub sight: Sight,
     /// The object's first surfel among those of the scene.
     pub first: usize,
-    /// How many of its surfels see another object.
+    /// Number of surfels that see another object.
     pub changed: usize,
     others: Vec<Other>,
 }
 
-/// Of a surfel, what changes where other objects are.
+/// Change of a surfel's visibility where other objects are.
 #[derive(Clone, Default)]
 struct Change {
     /// Directions that are not open any more.
     closed: [u64; WORDS],
-    /// What is met now.
+    /// Hits that there are now.
     hits: Vec<Hit>,
 }
 
@@ -200,7 +200,7 @@ impl Surroundings {
         })
     }
 
-    /// Which surfels of those that are `asked` see all the way out towards a direction. `[n]`, false for the others
+    /// Surfels among the `asked` that see all the way out towards a direction. `[n]`, false for the others
     pub fn open_towards(
         &self,
         own: &Tracer,
@@ -264,7 +264,7 @@ impl Change {
         self.closed[j / 64] |= u64::from(was_open) << (j % 64);
     }
 
-    /// What is known of all directions from those that were traced.
+    /// Fills all directions from those that were traced.
     fn in_detail(mut self, detail: Detail) -> Self {
         for j in detail.directions()..DIRECTIONS {
             let first = j % PATCHES;
@@ -279,7 +279,7 @@ impl Change {
     }
 }
 
-/// What others change, for each row of what the surfels see. `[rows]`
+/// Changes by other objects, for each row of visibility. `[rows]`
 fn changes(
     own: &DirectionalBake,
     others: &[Other],
@@ -302,7 +302,7 @@ fn changes(
     Ok(rows.into_iter().map(|(_, change)| change).collect())
 }
 
-/// The same of surfels that are neighbours, in some of the directions.
+/// Changes of neighbouring surfels, in some of the directions.
 fn neighborhood(
     own: &DirectionalBake,
     others: &[Other],
@@ -372,7 +372,7 @@ fn neighborhood(
     changes
 }
 
-/// What the surfels see with these changes, `[rows]`.
+/// Visibility of the surfels with these changes, `[rows]`.
 fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> Sight {
     let directions = directions();
     let sharing = &own.sight.sharing;

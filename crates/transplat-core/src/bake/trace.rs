@@ -49,7 +49,7 @@ pub struct RaySurfel {
     pub minor: f32,
     /// Larger standard deviation.
     pub major: f32,
-    /// Whether it is seen from its front alone.
+    /// True where it is seen from its front alone.
     pub one_sided: bool,
 }
 
@@ -60,7 +60,7 @@ pub struct RayStart {
     pub origin: Vec3,
     /// Hits nearer than this do not count.
     pub nearest: f32,
-    /// The same of discs that are left through their fronts, no nearer.
+    /// Least distance of discs that are left through their fronts.
     pub stack: f32,
 }
 
@@ -92,9 +92,9 @@ pub struct Disc {
     pub normal: Vec3,
     /// Half axes over their squared lengths: the disc is where `u^2 + v^2 <= 1`.
     pub inverse_axes: [Vec3; 2],
-    /// Which surfel it is of.
+    /// Index of the surfel.
     pub surfel: u32,
-    /// Whether that is seen from its front alone.
+    /// True where the surfel is seen from its front alone.
     pub one_sided: bool,
 }
 
@@ -115,7 +115,7 @@ pub struct Tracer {
     discs: Vec<Discs>,
     /// The surfels that rays start from. `[n]`
     pub surfels: Vec<RaySurfel>,
-    /// Which side of each is its front.
+    /// Outward side of each surfel.
     pub fronts: Fronts,
     /// Indices of the surfels so that neighbours follow each other. `[n]`
     pub order: Vec<u32>,
@@ -123,16 +123,16 @@ pub struct Tracer {
     pub thinning: usize,
     /// Where these coordinates have their origin, in the asset's.
     pub center: Vec3,
-    /// What 1 in these coordinates is, in the asset's units.
+    /// Length of the unit of these coordinates, in the splat's units.
     pub radius: f32,
 }
 
-/// What some rays met first.
+/// First hits of some rays.
 #[derive(Clone, Copy, Debug)]
 pub struct Met {
     /// The surfel, or [`MISS`].
     pub surfel: [u32; PACKET],
-    /// How far away, in units of the object's radius; of rays that stop at anything, and of those that miss, it says nothing.
+    /// Distances, in units of the object's radius; undefined for rays that stop at anything, and for misses.
     pub distance: [f32; PACKET],
 }
 
@@ -187,7 +187,7 @@ impl Tracer {
         }
     }
 
-    /// How many boxes there are.
+    /// Number of boxes.
     pub fn box_count(&self) -> usize {
         self.hierarchy.len()
     }
@@ -204,7 +204,7 @@ impl Tracer {
         surfels.map(|i| disc(i, &self.surfels))
     }
 
-    /// How many there are.
+    /// Number of discs.
     pub fn disc_count(&self) -> usize {
         self.hierarchy.things()
     }
@@ -217,14 +217,14 @@ impl Tracer {
         self.walk(rays, any, stack).surfel
     }
 
-    /// The same with how far away the surfels are that are met first.
+    /// First hits with their distances.
     pub fn met(&self, of: &[u32], direction: Vec3, stack: &mut Stack) -> Met {
         let starts = of.iter().map(|i| &self.surfels[*i as usize]);
         let rays = starts.map(|surfel| (surfel.start(direction), direction, f32::MAX));
         self.walk(rays, false, stack)
     }
 
-    /// What rays towards a direction meet first, or at all, that start anywhere, in these coordinates; at most [`PACKET`].
+    /// First hits, or any, of rays towards a direction that start anywhere in these coordinates; at most [`PACKET`].
     pub fn met_from(
         &self,
         starts: &[RayStart],
@@ -236,14 +236,14 @@ impl Tracer {
         self.walk(starts.map(|start| (start, direction, f32::MAX)), any, stack)
     }
 
-    /// Which rays, [`PACKET`] at most, come to their ends without meeting a surfel: each starts somewhere, goes in a direction of its own (a unit
+    /// Traces shadow rays, [`PACKET`] at most: true for those that reach their ends. Each starts somewhere, goes in a direction of its own (a unit
     /// vector), and ends at a distance; all in these coordinates.
     pub fn unblocked(&self, rays: &[(RayStart, Vec3, f32)], stack: &mut Stack) -> [bool; PACKET] {
         let met = self.walk(rays.iter().copied(), true, stack);
         met.surfel.map(|surfel| surfel == MISS)
     }
 
-    /// What rays meet first before their ends, or `any` of what they meet.
+    /// Finds the first hits of rays before their ends, or `any` of their hits.
     fn walk(
         &self,
         rays: impl Iterator<Item = (RayStart, Vec3, f32)>,
@@ -287,7 +287,7 @@ impl Tracer {
         (middle, casting().fold(0.0, farthest))
     }
 
-    /// Which surfels of those that are `asked` see all the way out towards a direction. `[n]`, false for the others
+    /// Surfels among the `asked` that see all the way out towards a direction. `[n]`, false for the others
     pub fn open_towards(&self, direction: Vec3, asked: impl Fn(u32) -> bool) -> Vec<bool> {
         let of: Vec<u32> = self.order.iter().copied().filter(|i| asked(*i)).collect();
         let packets: Vec<[u32; PACKET]> = of
@@ -327,7 +327,7 @@ pub(super) fn by_neighborhood<T: Send>(
 /// Place and normal, in units in which both tell alike which surfels are of one surface.
 pub(crate) type PlaceAndNormal = [f32; 6];
 
-/// Those of some surfels, of whose surface the normals are given.
+/// Places and normals of some surfels, given the normals of their surface.
 pub(crate) fn places_and_normals(surfels: &[RaySurfel], normals: &[Vec3]) -> Vec<PlaceAndNormal> {
     let mean_size: f32 = surfels.iter().map(|s| s.major).sum::<f32>() / surfels.len().max(1) as f32;
     let unit = 1.0 / (3.0 * mean_size).max(1e-12);
@@ -362,7 +362,7 @@ impl Discs {
     }
 }
 
-/// What a ray meets first before its end, or `any` of what it meets, and how far away that is.
+/// First hit of a ray before its end, or `any` of its hits, with its distance.
 #[inline(always)]
 fn first<S: Simd>(
     simd: S,

@@ -49,18 +49,18 @@ impl Veil {
 /// The surfels of an asset as a camera sees them.
 #[derive(Debug)]
 pub(super) struct Veils {
-    /// Of each surfel; those that cover nothing reach nowhere. `[n]`
+    /// Translucent layer of each surfel; those that cover nothing reach nowhere. `[n]`
     of: Vec<Veil>,
     boxes: OnceLock<Boxes>,
     /// Centres in units of the object's radius. `[n]`
     pub positions: Vec<Vec3>,
-    /// What 1 in these units is, in scene units.
+    /// Length of these units, in scene units.
     pub radius: f32,
     /// Indices of the surfels so that neighbours follow each other. `[n]`
     pub order: Vec<u32>,
 }
 
-/// Those that cover anything in a hierarchy of boxes.
+/// Layers that cover anything, in a hierarchy of boxes.
 #[derive(Debug)]
 struct Boxes {
     hierarchy: Hierarchy,
@@ -150,7 +150,7 @@ impl Veils {
         })
     }
 
-    /// What of the light from a direction far away reaches the centres of the surfels `of`, at most [`PACKET`], 0 to 1. `stack` is scratch.
+    /// Transmittance of light from a direction far away to the centres of the surfels `of`, at most [`PACKET`], 0 to 1. `stack` is scratch.
     pub fn transmittance(&self, of: &[u32], direction: Vec3, stack: &mut Stack) -> [f32; PACKET] {
         let boxes = self.boxes();
         let mut through = [1.0; PACKET];
@@ -162,8 +162,8 @@ impl Veils {
     }
 }
 
-/// What is left of the light from one direction, pixel by pixel: surfels are blended into it front to back, once each, as a rasterizer does, and
-/// each finds there what reaches it. It costs what they cover, not what the ray of each meets.
+/// Transmittance of the light from one direction, pixel by pixel: surfels are blended into it front to back, once each, as a rasterizer does, and
+/// each finds there what reaches it. It costs their coverage, not the hits of each one's ray.
 #[derive(Clone)]
 pub(super) struct LightGrid {
     /// Pixels along an edge.
@@ -292,7 +292,7 @@ fn falloff<T: Copy + Mul<Output = T> + Mul<f32, Output = T> + Sub<Output = T>>(
     falloff
 }
 
-/// What is left of the light from a direction at a surfel.
+/// Transmittance of the light from a direction at a surfel.
 #[inline(always)]
 fn transmittance<S: Simd>(
     simd: S,

@@ -42,8 +42,8 @@ pub const SUN_RADIUS: f64 = 4.0;
 /// Outer radius of the ring around it whose median is what the sky would be without it, in degrees.
 const RING_RADIUS: f64 = 10.0;
 
-/// What the ring may hold above its median, relative to what the disc does: beside a piece of the rim of a soft box it is five times
-/// as much, beside a window of a few degrees less than as much.
+/// Most light that the ring may hold above its median, relative to the disc: beside a piece of the rim of a soft box it is five times as much, beside
+/// a window of a few degrees less than as much.
 const MOST_BESIDE: f64 = 2.0;
 
 /// Bright discs that are looked at before what is left is sky.
@@ -129,7 +129,7 @@ impl Beams {
         })
     }
 
-    /// The same light, its suns among the cells.
+    /// Light samples with the suns among the cells.
     pub fn with_suns_as_sky(&self) -> Self {
         Self {
             suns: Vec::new(),
@@ -194,7 +194,7 @@ impl Beams {
 #[derive(Clone, Debug)]
 pub struct Mosaic {
     axes: [Vec<f32>; 3],
-    /// Of each direction's surroundings.
+    /// Radiance of each direction's surroundings.
     radiance: Vec<[f32; 3]>,
     /// Direction and radiance.
     suns: Vec<(Vec3, [f32; 3])>,
@@ -343,7 +343,7 @@ impl<'a> Pixels<'a> {
         (radiance * omega >= least && least > 0.0).then_some(peak)
     }
 
-    /// What the disc around a pixel holds above the sky around it, index and energy of each pixel; and what the ring does in all.
+    /// Excess of the disc around a pixel over the sky around it: index and energy of each pixel, and the ring's in all.
     fn excess_around(&self, peak: usize) -> (Vec<(usize, [f64; 3])>, f64) {
         let (w, h) = (self.map.width(), self.map.height());
         let toward = self.direction(peak);

@@ -29,7 +29,7 @@ pub enum Shape {
         axis: Vec3,
         /// Angle from the axis up to which it has its whole intensity, in radians.
         beam: f32,
-        /// And from which on it has none; between them it falls with the angle.
+        /// Cosine from which on it has none; between them it falls with the angle.
         cutoff: f32,
     },
     /// A parallelogram, or the ellipse in it, that shines on one side; emission is radiance, W/m²/sr.
@@ -40,14 +40,14 @@ pub enum Shape {
         half: [Vec3; 2],
         /// Unit vector on the side where it shines.
         normal: Vec3,
-        /// Whether only the ellipse shines.
+        /// True where only the ellipse shines.
         is_round: bool,
     },
     /// From one direction, a disc as the sun is one; emission is the irradiance of a surface that faces it, W/m².
     Distant {
         /// Unit vector towards its middle.
         toward: Vec3,
-        /// Of its disc, in radians.
+        /// Angular radius of its disc, in radians.
         radius: f32,
     },
 }
@@ -57,9 +57,9 @@ pub enum Shape {
 pub struct Sample {
     /// Unit vector towards it.
     pub direction: Vec3,
-    /// How far away it is.
+    /// Distance of the sample.
     pub distance: f32,
-    /// What it adds to the irradiance of a surface that faces it, for an emission of 1.
+    /// Irradiance of a surface that faces it, for an emission of 1.
     pub strength: f32,
 }
 
@@ -76,7 +76,7 @@ pub const MOST_LIGHTS: usize = 30;
 const CORNERS: usize = 24;
 
 impl Shape {
-    /// How many samples there are with so many along each edge.
+    /// Number of samples with so many along each edge.
     pub fn samples(&self, across: usize) -> usize {
         if self.has_extent() {
             across * across
@@ -85,7 +85,7 @@ impl Shape {
         }
     }
 
-    /// How many parts it has that are told apart in what mirrors it.
+    /// Number of parts that a reflection distinguishes.
     pub fn parts(&self) -> usize {
         match self {
             Self::Area { .. } => MOST_PARTS,
@@ -102,7 +102,7 @@ impl Shape {
         }
     }
 
-    /// Whether it is seen in part where an edge crosses it.
+    /// True where an edge may cross it.
     pub fn has_extent(&self) -> bool {
         match self {
             Self::Point { .. } | Self::Spot { .. } => false,
@@ -111,7 +111,8 @@ impl Shape {
         }
     }
 
-    /// A place of it as `at` sees that: the `sample`th of so many `across`, one of each square of its extent, moved within by `shift`, twice 0 to 1. A
+    /// A place of it as `at` sees that: the `sample`th of so many `across`, one of each square of its extent, moved within by `shift`, twice 0 to 1.
+    /// A
     /// surface is no point: nothing is nearer to it than `nearest`.
     pub fn sample(
         &self,
@@ -220,7 +221,7 @@ impl Shape {
         samples.map(strength).sum()
     }
 
-    /// The same light seen from other coordinates: turned, moved, and as much larger as those say.
+    /// Light in other coordinates: rotated, moved, and scaled.
     pub fn moved(&self, to_other: Affine3A) -> Self {
         let turned = |v: Vec3| to_other.transform_vector3(v).normalize_or(Vec3::Z);
         let place = |p: Vec3| to_other.transform_point3(p);
@@ -281,7 +282,7 @@ impl Emitter {
     }
 }
 
-/// What a point of intensity 1 does.
+/// Sample of a point light of intensity 1.
 fn from_point(position: Vec3, at: Vec3, nearest: f32) -> Sample {
     let away = position - at;
     let distance = away.length();

@@ -19,10 +19,9 @@ pub struct Illumination {
     pub beams: Option<Beams>,
     /// Lights at a finite distance or with an extent, beside those: the directional method takes them as they are.
     pub emitters: Vec<Emitter>,
-    /// How far it is to be believed as the light of a capture, 0 to 1: what a surfel changes by, away from it, is taken to that power
-    /// (the directional method).
+    /// Confidence in it as a capture light, 0 to 1: the change of a surfel away from it is raised to that power (the directional method).
     pub trust: f32,
-    /// What the user makes of it, by channel, which is in it already: that is known, and counts in full where a source is believed in part.
+    /// User-set gain by channel, which is in it already: that is known, and counts in full where a source has low confidence.
     pub told_gain: [f32; 3],
 }
 
@@ -43,12 +42,12 @@ impl Illumination {
         Self::new(IncidentRadiance::even(degree), Some(Beams::even()))
     }
 
-    /// Of a map, its SH series to a degree.
+    /// SH series of a map to a degree.
     pub fn of(map: &EnvironmentMap, degree: usize) -> Self {
         Self::new(project_environment(map, degree), Some(Beams::of(map)))
     }
 
-    /// The same as strong as the user wants it, by channel.
+    /// Light with a user-set gain by channel.
     pub fn told(&self, gain: [f32; 3]) -> Self {
         Self {
             told_gain: std::array::from_fn(|c| self.told_gain[c] * gain[c]),
@@ -56,7 +55,7 @@ impl Illumination {
         }
     }
 
-    /// What the directional method needs of it.
+    /// Inputs of the directional method.
     ///
     /// # Errors
     /// The light was read without.
@@ -177,7 +176,7 @@ impl Illumination {
         self.radiance.mean_irradiance() + far.sum::<f32>()
     }
 
-    /// Whether the light is black.
+    /// True for black light.
     pub fn is_black(&self) -> bool {
         self.radiance.is_black() && self.emitters.iter().all(|e| e.emission == [0.0; 3])
     }

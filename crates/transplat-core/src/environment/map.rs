@@ -96,7 +96,7 @@ impl EnvironmentMap {
         }
     }
 
-    /// How the picture was laid out that it was made from.
+    /// Layout of the image that it was made from.
     pub fn layout(&self) -> Layout {
         self.layout
     }
@@ -132,7 +132,7 @@ impl EnvironmentMap {
         Self::new(2, 1, vec![[1.0; 3]; 2])
     }
 
-    /// What is shown behind the object where the light is even: middle grey. White would blind, and nobody knows what was there.
+    /// Backdrop of even light: middle grey. White would blind, and nobody knows what was there.
     pub fn even_backdrop() -> Self {
         Self::new(2, 1, vec![[0.18; 3]; 2])
     }
@@ -152,7 +152,7 @@ impl EnvironmentMap {
         &self.pixels
     }
 
-    /// How many pixels were no numbers, negative or beyond any light, and were replaced.
+    /// Number of pixels that were NaN, negative or beyond any light, and were replaced.
     pub fn repaired(&self) -> usize {
         self.repaired
     }
@@ -162,7 +162,7 @@ impl EnvironmentMap {
         self.infinite
     }
 
-    /// Whether the highlights are clipped because the file was a low-dynamic-range picture.
+    /// True where the highlights are clipped because the file was a low-dynamic-range image.
     pub fn has_clipped_highlights(&self) -> bool {
         self.clipped
     }
@@ -317,7 +317,7 @@ impl EnvironmentMap {
     }
 }
 
-/// What lies between four texels, given by how many columns and rows they are further, at a place between them.
+/// Interpolates between four texels, given by offsets of column and row, at a place between them.
 pub(super) fn bilinear(texel: impl Fn(f32, f32) -> [f32; 3], [fu, fv]: [f32; 2]) -> [f32; 3] {
     let [[a, b], [c, d]] = [0.0, 1.0].map(|dy| [0.0, 1.0].map(|dx| texel(dx, dy)));
     std::array::from_fn(|i| {

@@ -180,7 +180,7 @@ fn cone(shape: &Shape, place: Vec3, toward: Vec3) -> Option<(Vec3, f32)> {
     }
 }
 
-/// Whether a ray from a place meets a light that has an extent.
+/// True where a ray from a place hits a light that has an extent.
 fn is_met(shape: &Shape, place: Vec3, axis: Vec3, reach: f32, ray: Vec3) -> bool {
     match *shape {
         Shape::Area {

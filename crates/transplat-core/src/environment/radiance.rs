@@ -92,12 +92,12 @@ impl IncidentRadiance {
         self.mean_irradiances().iter().sum::<f32>() / 3.0
     }
 
-    /// The same by channel.
+    /// Mean irradiance by channel.
     pub fn mean_irradiances(&self) -> [f32; 3] {
         self.coefficients[0].map(|dc| (PI / SQRT_4PI) as f32 * dc)
     }
 
-    /// Whether the light is black.
+    /// True for black light.
     pub fn is_black(&self) -> bool {
         self.coefficients.iter().flatten().all(|v| *v == 0.0)
     }

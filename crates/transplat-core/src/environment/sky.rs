@@ -23,11 +23,11 @@ pub use sun::{Date, PlaceAndTime, Sun, YEARS};
 pub struct Sky {
     /// Where the sun stands.
     pub sun: Sun,
-    /// How hazy the air is: 2 is very clear, 3 clear, 6 hazy, 10 misty.
+    /// Turbidity of the air: 2 is very clear, 3 clear, 6 hazy, 10 misty.
     pub turbidity: f64,
-    /// How much of the light the ground reflects, 0 to 1.
+    /// Albedo of the ground, 0 to 1.
     pub ground_albedo: f64,
-    /// Whether the sun itself shines; without it the sky is as bright.
+    /// True where the sun itself shines; without it the sky is as bright.
     pub sun_shines: bool,
 }
 
@@ -68,7 +68,7 @@ impl Default for Sky {
 struct Dome {
     state: SkyState,
     toward_sun: DVec3,
-    /// What its values are multiplied by.
+    /// Factor of its values.
     scale: f64,
 }
 
@@ -120,7 +120,7 @@ impl Sky {
         self.illumination_with(&self.dome_map(COLUMNS), degree)
     }
 
-    /// The same, with a map of its dome: that as a map is read, the sun beside it.
+    /// Illumination, given a map of its dome: that as a map is read, the sun beside it.
     pub fn illumination_with(&self, dome: &EnvironmentMap, degree: usize) -> Illumination {
         let mut light = Illumination::of(dome, degree);
         light.emitters.extend(self.sun());
@@ -132,7 +132,7 @@ impl Sky {
         self.with_sun(self.dome_map(columns))
     }
 
-    /// The same, of a map of its dome.
+    /// Map with the sun, given a map of its dome.
     pub fn with_sun(&self, dome: EnvironmentMap) -> EnvironmentMap {
         dome.with_lights(self.sun().as_slice(), Vec3::ZERO)
     }

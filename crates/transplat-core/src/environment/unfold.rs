@@ -10,8 +10,8 @@ use crate::error::{Error, Result};
 use crate::images::Layout;
 use crate::numeric::quantile;
 
-/// How much pixels may differ in what is taken for empty, of a brightness that is neither that of the empty parts, half of a cross and a fifth
-/// of a disc's square, nor a sun's.
+/// Largest difference of pixels in empty parts, of a brightness that is neither that of the empty parts, half of a cross and a fifth of a disc's
+/// square, nor a sun's.
 const EMPTY: f32 = 0.01;
 const LIT: f32 = 0.75;
 
@@ -112,7 +112,7 @@ fn angular_map(d: DVec3) -> [f64; 2] {
     [-d.y * over, d.z * over]
 }
 
-/// The same where it is mirrored in a ball: on the normal halfway to the camera, which sees +Y on its right.
+/// Position in a mirror ball: on the normal halfway to the camera, which sees +Y on its right.
 fn mirror_ball(d: DVec3) -> [f64; 2] {
     let n = (d + DVec3::X).normalize_or(DVec3::Y);
     [n.y, n.z]
@@ -165,11 +165,11 @@ fn in_disc(picture: &EnvironmentMap, [right, up]: [f64; 2]) -> [f64; 2] {
 struct Cross {
     /// Pixels along a face's edge.
     edge: usize,
-    /// Whether what is behind is below, not beside.
+    /// True where the back is below, not beside.
     is_upright: bool,
     /// The column that has a face above and below: it is ahead.
     ahead: usize,
-    /// Whether its empty squares tell so.
+    /// True where its empty squares show it.
     is_told: bool,
 }
 
@@ -233,7 +233,7 @@ impl Cross {
     }
 }
 
-/// What is taken for empty: pixels of one colour.
+/// Empty pixels: of one colour.
 struct Empty {
     tolerance: f32,
 }
@@ -246,7 +246,7 @@ impl Empty {
         }
     }
 
-    /// Whether those pixels are; there is at least one.
+    /// True where all pixels are empty; there is at least one.
     fn are<'a>(&self, mut pixels: impl Iterator<Item = &'a [f32; 3]>) -> bool {
         let Some(first) = pixels.next() else {
             return false;
@@ -259,7 +259,7 @@ impl Empty {
         })
     }
 
-    /// Whether all around the disc in the picture is, and not the disc.
+    /// True where all around the disc in the image is empty, and not the disc.
     fn around_disc(picture: &EnvironmentMap) -> bool {
         let radius = 0.5 * picture.width as f64;
         let off = |v: usize| v as f64 + 0.5 - radius;

@@ -64,11 +64,11 @@ pub(super) struct Clusters {
     pub normals: Vec<Vec3>,
     /// Share of all area, weighted by opacity.
     pub mass: Vec<f64>,
-    /// Of each surfel the cluster it is in, or [`NONE`]. `[n]`
+    /// Cluster of each surfel, or [`NONE`]. `[n]`
     pub of: Vec<u32>,
-    /// Of each surfel the share of those of its cluster that are asked whether they see a sun. `[n]`
+    /// Share of each surfel in those of its cluster that are tested for seeing a sun. `[n]`
     pub share: Vec<f32>,
-    /// What is compared with what.
+    /// Pairs of clusters that are compared.
     pub pairs: Vec<Pair>,
 }
 
@@ -76,7 +76,7 @@ pub(super) struct Clusters {
 #[derive(Clone, Copy)]
 pub(super) struct Pair {
     pub of: [u32; 2],
-    /// How much each channel counts.
+    /// Weight by channel.
     pub weight: [f64; 3],
 }
 
@@ -289,7 +289,7 @@ fn assign(seen: &[Option<Seen>]) -> (Vec<u32>, usize) {
 
 /// Clusters in cells of one edge.
 struct Grid {
-    /// Of each surfel its cluster, or [`NONE`]. `[n]`
+    /// Cluster of each surfel, or [`NONE`]. `[n]`
     of: Vec<u32>,
     /// Clusters that are large enough, of so many cells that hold any surfel.
     kept: usize,

@@ -31,7 +31,7 @@ const LONGEST_STEP: f64 = 1.5;
 /// Logarithms of light stay within this.
 const MOST_LOG: f64 = 12.0;
 
-/// How much surer it is that the channels are alike than that the light is even.
+/// Weight of the prior that channels are alike over the prior that the light is even.
 const COUPLING: f64 = 3.0;
 
 /// Noise at least, in logarithms.
@@ -99,19 +99,19 @@ pub(super) fn sky_basis(d: Vec3) -> Vec<f64> {
     values[1..].iter().map(|v| v * SQRT_4PI).collect()
 }
 
-/// What a light makes of the clusters.
+/// Explanation of the clusters by a light.
 pub(super) struct Explained {
     /// Sky radiance over the bake's directions, relative to the light's mean. `[3][DIRECTIONS]`
     radiance: [Vec<f64>; 3],
     /// Irradiance by a light of mean radiance 1. `[c]`
     direct: Vec<[f64; 3]>,
-    /// What the light's radiance is divided by, so that its mean is 1 in each channel.
+    /// Divisor of the light's radiance that makes its mean 1 in each channel.
     pub mean_radiance: [f64; 3],
-    /// And multiplied by in all: the whitest albedo is then plausible.
+    /// Factor in all, with which the whitest albedo is plausible.
     pub exposure: f64,
     /// Logarithm of the irradiance, bounced light included. `[c]`
     pub log_irradiance: Vec<[f64; 3]>,
-    /// The same less that of the radiance: minus the logarithm of the albedo.
+    /// Residual less that of the radiance: minus the logarithm of the albedo.
     residual: Vec<[f64; 3]>,
 }
 
@@ -120,7 +120,7 @@ pub(super) struct Fit<'a> {
     pub clusters: &'a Clusters,
     /// [`sky_basis`] over the bake's directions. `[SKY][DIRECTIONS]`
     basis: DMatrix<f32>,
-    /// How sure it is beforehand that a coefficient is 0. `[SKY]`
+    /// Prior precision of each coefficient about 0. `[SKY]`
     precision: Vec<f64>,
     /// Light from everywhere, as a share of the mean, that no surfel is without: as in the transfer.
     epsilon: f64,
@@ -131,7 +131,7 @@ pub(super) struct Solved {
     /// By how much each unknown of each channel is to change. `[3][P]`
     pub step: DVector<f64>,
     factor: Cholesky<f64, Dyn>,
-    /// Of the logarithm of the irradiance, by channel. `[P][c]`
+    /// Jacobian of the logarithm of the irradiance, by channel. `[P][c]`
     jacobian: Vec<DMatrix<f64>>,
 }
 

@@ -20,14 +20,14 @@ pub(super) const REFUSED: &str = "refused with a reason";
 pub struct Case {
     /// For people.
     pub name: &'static str,
-    /// What must hold beside that all numbers are finite.
+    /// Property that must hold beside that all numbers are finite.
     pub property: &'static str,
     /// The asset, or why it cannot be one: what a loader refuses is as good.
     pub(super) make: fn() -> Result<Input>,
     pub(super) check: fn(&Trial<'_>) -> std::result::Result<(), String>,
 }
 
-/// What a case is made of.
+/// Inputs of a case.
 pub struct Input {
     /// The asset.
     pub cloud: SurfelCloud,
@@ -35,7 +35,7 @@ pub struct Input {
     pub source: EnvironmentMap,
     /// The new light.
     pub target: EnvironmentMap,
-    /// What the lights are multiplied by.
+    /// Factors of the lights.
     pub gains: [f32; 2],
     /// Epsilon, where it is not the method's.
     pub epsilon: Option<f32>,
@@ -45,15 +45,15 @@ pub struct Input {
 
 /// One case under way: what a property may look at and try.
 pub struct Trial<'a> {
-    /// Of which method.
+    /// Method and terms.
     pub settings: TransferSettings,
     /// The asset.
     pub cloud: &'a SurfelCloud,
     /// Source and target.
     pub lights: [Illumination; 2],
-    /// What came out.
+    /// Relit result.
     pub relit: Relit,
-    /// Whether the source told anything.
+    /// True where the source explained nothing.
     pub source_was_black: bool,
     pub(super) bake: Bake,
     pub(super) note: RefCell<String>,

@@ -30,7 +30,7 @@ pub fn all() -> Vec<Case> {
     cases
 }
 
-/// What must hold, and how that is seen.
+/// Property that must hold, and its check.
 type Property = (&'static str, Check);
 
 fn case(name: &'static str, (property, check): Property, make: fn() -> Result<Input>) -> Case {
@@ -131,7 +131,7 @@ fn resize(cloud: &mut SurfelCloud, factor: f32) {
     cloud.scales.iter_mut().for_each(|s| *s *= factor);
 }
 
-/// Of one pixel of the map.
+/// Radiance of one pixel of the map.
 fn pixel(d: DVec3, radiance: f32) -> [f32; 3] {
     let toward = DVec3::new(0.5, -0.3, 0.8).normalize();
     if d.dot(toward) > 0.998 {
@@ -186,7 +186,7 @@ fn in_words<T>(result: Result<T>) -> std::result::Result<T, String> {
     result.map_err(|e| e.to_string())
 }
 
-/// The same as with an even source.
+/// Checks that the result is that of an even source.
 fn as_with_even_light(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let even = Illumination::even(crate::sh::MAX_DEGREE);
     let lights = [&even, &trial.lights[1]];
@@ -266,7 +266,7 @@ fn comes_back(trial: &Trial<'_>) -> std::result::Result<(), String> {
     holds(drifts[0] <= limit, otherwise)
 }
 
-/// What the usual scene comes to, whatever its unit.
+/// Checks that the result is that of the usual scene, whatever its unit.
 fn as_at_unit_scale(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let usual = usual();
     let bake = in_words(bake(&usual.cloud, trial.settings.method))?;

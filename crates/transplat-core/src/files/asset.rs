@@ -22,19 +22,19 @@ use crate::transfer::materials::Materials;
 pub struct AssetFile {
     /// Where it was read.
     pub path: PathBuf,
-    /// What was noticed.
+    /// Report of loading.
     pub report: AssetReport,
     /// In which format it is.
     pub format: SplatFormat,
-    /// What a PLY is written again by.
+    /// Header that a PLY is written again by.
     header: Option<ply::Header>,
     stamp: Stamp,
-    /// Which surfel each row of the file is, [`NOT_WRITTEN`] where the row is not written. `[vertices]`
+    /// Surfel of each row of the file, [`NOT_WRITTEN`] where the row is not written. `[vertices]`
     surfel_of_row: Arc<[u32]>,
 }
 
 impl AssetFile {
-    /// The same for some of its surfels, numbered anew in that order.
+    /// File of some of its surfels, numbered anew in that order.
     pub fn part(&self, surfels: &[usize]) -> Self {
         let mut anew = vec![NOT_WRITTEN; self.surfel_of_row.len()];
         for (new, surfel) in surfels.iter().enumerate() {
@@ -54,7 +54,7 @@ impl AssetFile {
         (!is_any).then(|| self.format.usual_up())
     }
 
-    /// Whether an up axis is more than what a PLY that does not say is taken to have.
+    /// True where an up axis is more than the default of a PLY that has none.
     fn is_up_known(&self, up: UpAxis) -> bool {
         let is_said = self.format != SplatFormat::Ply || self.report.up.is_some();
         is_said || up != UNTOLD_UP
@@ -87,7 +87,7 @@ impl AssetFile {
     }
 }
 
-/// What a PLY is taken to have up that does not say.
+/// Up axis of a PLY that has none.
 const UNTOLD_UP: UpAxis = UpAxis::PlusZ;
 
 /// Length and time of change when it was read: it must still be the same when it is written again.
@@ -148,7 +148,7 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
     Ok((cloud, asset))
 }
 
-/// What of an asset is lost in a file of that name, which is not of the asset's own format.
+/// Losses in a file of that name, which is not of the splat's own format.
 pub fn losses(asset: &AssetFile, cloud: &SurfelCloud, path: &Path) -> Option<String> {
     let format = SplatFormat::of_name(path).filter(|f| *f != asset.format)?;
     let mut losses = format.losses(cloud);
@@ -166,7 +166,7 @@ pub fn losses(asset: &AssetFile, cloud: &SurfelCloud, path: &Path) -> Option<Str
     (!losses.is_empty()).then(|| format!("{} holds {}", format.name(), losses.join("; ")))
 }
 
-/// What there is in the place of a splat.
+/// Description of a file that is no splat.
 fn instead_of_a_splat(kind: Result<FileKind>, length: u64) -> String {
     match kind {
         _ if length == 0 => "the file is empty; a splat is expected",
@@ -295,7 +295,7 @@ fn write_anew(
     write_checked(format, splat, path)
 }
 
-/// How a splat has to be turned that goes from one format to another whose files have another axis up, and what is up then.
+/// Rotation of a splat that goes from one format to another whose files have another axis up, and the up axis then.
 fn turn(from: SplatFormat, to: SplatFormat, up: UpAxis) -> Option<(Quat, UpAxis)> {
     let up_there = to.usual_up();
     if from.usual_up() == up_there || up == up_there {

@@ -22,16 +22,16 @@ use crate::error::{Error, Result};
 use crate::settings::Method;
 use crate::surfels::SurfelCloud;
 
-/// What bake files of all versions begin with.
+/// First bytes of bake files of all versions.
 pub(crate) const ANY_MAGIC: &[u8] = b"transplat-bake ";
 
-/// What a bake file begins with.
+/// First bytes of a bake file.
 const MAGIC: &[u8; 16] = b"transplat-bake 4";
 
 /// Magic, geometry key, surfels, kind, directions and rows.
 const HEADER_BYTES: u64 = 16 + 5 * 8;
 
-/// What the head of a bake file says.
+/// Head of a bake file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BakeHeader {
     /// FNV-1a of the geometry.
@@ -42,12 +42,12 @@ pub struct BakeHeader {
     pub method: Method,
     /// Directions that were asked.
     pub directions: u64,
-    /// How many different sights there are; of the harmonic method, one a surfel.
+    /// Number of different visibility rows; of the harmonic method, one a surfel.
     pub rows: u64,
 }
 
 impl BakeHeader {
-    /// Whether the bake is for a method.
+    /// Checks that the bake is for a method.
     ///
     /// # Errors
     /// It is for the other one.

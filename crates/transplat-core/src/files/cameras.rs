@@ -76,20 +76,20 @@ pub fn cameras_of_training(splat: &Path) -> Option<PathBuf> {
     Some(found)
 }
 
-/// Whether a path is called as a file of a COLMAP model is.
+/// True for the name of a COLMAP model's file.
 pub(super) fn is_colmap(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default();
     colmap::IMAGES.iter().any(|images| name == *images) && path.is_file()
 }
 
-/// Whether a text begins as a list of objects in JSON does, as `cameras.json` is one.
+/// True for a text that begins as a list of objects in JSON, such as `cameras.json`.
 pub(super) fn begins_as_list(text: &[u8]) -> bool {
     let text = text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(text);
     let list = text.trim_ascii_start().strip_prefix(b"[");
     list.is_some_and(|first| first.trim_ascii_start().starts_with(b"{"))
 }
 
-/// Whether a text names poses as `transforms.json` does.
+/// True for a text that names poses as `transforms.json` does.
 pub(super) fn has_poses(text: &[u8]) -> bool {
     let key = b"\"transform_matrix\"";
     text.windows(key.len()).take(1 << 16).any(|w| w == key)

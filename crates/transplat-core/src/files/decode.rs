@@ -53,12 +53,12 @@ impl<R> Guarded<R> {
     }
 }
 
-/// What a gzip stream holds, to be read in as small a part as is wanted.
+/// Content of a gzip stream, to be read in parts.
 pub fn gunzip<R: BufRead>(packed: R) -> Guarded<GzDecoder<R>> {
     Guarded(GzDecoder::new(packed))
 }
 
-/// What the streams of a gzip file hold one after the other.
+/// Content of a gzip file's streams, one after the other.
 pub fn gunzip_all<R: BufRead>(packed: R) -> Guarded<MultiGzDecoder<R>> {
     Guarded(MultiGzDecoder::new(packed))
 }
@@ -66,7 +66,7 @@ pub fn gunzip_all<R: BufRead>(packed: R) -> Guarded<MultiGzDecoder<R>> {
 /// The decoder of a zstd frame.
 pub type Zstd<R> = ruzstd::decoding::StreamingDecoder<R, ruzstd::decoding::FrameDecoder>;
 
-/// What a zstd frame holds, to be read in as small a part as is wanted.
+/// Content of a zstd frame, to be read in parts.
 pub fn unzstd<R: Read>(packed: R) -> Result<Guarded<Zstd<R>>> {
     let decoder = || ruzstd::decoding::StreamingDecoder::new(packed);
     let opened = guarded("the zstd frame", decoder);

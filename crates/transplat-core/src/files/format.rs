@@ -28,14 +28,14 @@ pub enum SplatFormat {
     Sog,
     /// 32 bytes a splat, without a header.
     Splat,
-    /// That of GaussianSplats3D, which is only read.
+    /// Format of GaussianSplats3D, which is only read.
     Ksplat,
     /// glTF with `KHR_gaussian_splatting`.
     Gltf,
 }
 
 impl SplatFormat {
-    /// Those that are written, each with the ending of its name; the longer one before that which it ends with.
+    /// Formats that are written, each with the ending of its name; the longer one before that which it ends with.
     pub const WRITTEN: [(&'static str, Self); 6] = [
         (".compressed.ply", Self::CompressedPly),
         (".ply", Self::Ply),
@@ -62,7 +62,7 @@ impl SplatFormat {
             .map(|(ending, _)| ending)
     }
 
-    /// What it is called.
+    /// Name of the format.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ply => "PLY",
@@ -107,7 +107,7 @@ impl SplatFormat {
         }
     }
 
-    /// What of a splat it cannot hold, in words.
+    /// Losses of a splat in the format, in words.
     pub fn losses(self, cloud: &SurfelCloud) -> Vec<String> {
         let mut losses = Vec::new();
         let degree = cloud.filled_degree();
@@ -132,7 +132,7 @@ impl SplatFormat {
         losses
     }
 
-    /// What its numbers are rounded to.
+    /// Quantum of its numbers.
     fn quantum(self) -> Option<&'static str> {
         match self {
             Self::CompressedPly => Some(
@@ -150,7 +150,7 @@ impl SplatFormat {
     }
 }
 
-/// How coarse a format holds where the splats of a file are.
+/// Rounding of positions in a format.
 pub(super) struct Rounding {
     /// Median of what their positions are rounded to, at most half of which they are off.
     pub step: f64,
@@ -164,7 +164,7 @@ pub(super) struct Rounding {
 const SEEN_SHARE: f64 = 0.02;
 
 impl Rounding {
-    /// Whether half of the splats may be off by half of their own size and more.
+    /// True where half of the splats may be off by half of their own size and more.
     pub fn is_too_coarse(&self) -> bool {
         self.step > self.size
     }
@@ -200,7 +200,7 @@ pub(super) fn arrange(format: SplatFormat, splat: &mut Written<'_>) {
     }
 }
 
-/// How coarse a format holds the positions of a splat.
+/// Rounding of a splat's positions in a format.
 pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Rounding> {
     let cloud = splat.cloud;
     let place = |i: u32| cloud.origin + cloud.positions[i as usize].as_dvec3();

@@ -54,7 +54,7 @@ struct Document {
     extensions_required: Vec<String>,
 }
 
-/// Whether a file may require an extension: it is read, or changes nothing of a splat.
+/// True where a file may require an extension: it is read, or changes nothing of a splat.
 fn is_understood(extension: &str) -> bool {
     const OF_OTHERS: [&str; 4] = ["KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_xmp"];
     extension == EXTENSION
@@ -333,7 +333,7 @@ fn placed_nodes(document: &Document) -> std::result::Result<Vec<(&Node, DAffine3
     Ok(placed)
 }
 
-/// Whether a map does nothing else than scale evenly, turn and move.
+/// True where a map only scales evenly, rotates and moves.
 fn scales_evenly(map: DAffine3) -> bool {
     let axes = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
     let [x, y, z] = axes.map(|a| a.length());

@@ -11,7 +11,7 @@ use super::read::{SPZ, ZIP, first_bytes, read_all};
 use super::{bake, cameras, decode, gltf, ksplat, lut, sog, splat, spz};
 use crate::error::{Error, Result};
 
-/// What a file is, by its first bytes.
+/// Kind of a file, by its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     /// A splat, of that format.
@@ -35,12 +35,12 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    /// Whether it is a splat.
+    /// True for a splat.
     pub fn is_splat(self) -> bool {
         matches!(self, Self::Splat(_))
     }
 
-    /// What it is called where something else is expected.
+    /// Name where something else is expected.
     pub fn called(self) -> &'static str {
         match self {
             Self::Splat(_) => "a splat",
@@ -53,7 +53,7 @@ impl FileKind {
         }
     }
 
-    /// Whether it may be an environment.
+    /// True where it may be an environment.
     pub fn is_environment(self) -> bool {
         matches!(self, Self::Hdr | Self::Exr | Self::Picture)
     }
@@ -62,7 +62,7 @@ impl FileKind {
 /// As many first bytes are looked at.
 const START: u64 = 512;
 
-/// What a splat is read from: the file itself, or where a folder is one, the file in it that says so.
+/// File that a splat is read from: the path itself, or in a folder the file that describes it.
 pub fn file_of(path: &Path) -> Cow<'_, Path> {
     let inside = path.join(sog::META);
     if path.is_dir() && inside.is_file() {
@@ -153,7 +153,7 @@ pub(super) fn expect_json(path: &Path, what: &str) -> Result<()> {
     }
 }
 
-/// What a text in JSON is known by; what is none of the others is a look, or nothing.
+/// Keys that a text in JSON is known by; what has none of the others is a look, or nothing.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Known {
@@ -172,7 +172,7 @@ struct Known {
     filenames: Vec<String>,
 }
 
-/// Whether it is there, be it as `null`.
+/// True where the key is there, be it as `null`.
 fn named<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<bool, D::Error> {
     IgnoredAny::deserialize(from).map(|_| true)
 }

@@ -21,7 +21,7 @@ const POSITION_RANGE: u32 = 32767;
 /// No file has more sections.
 const MAX_SECTIONS: u32 = 1 << 16;
 
-/// Whether a file begins like one of a version that is read.
+/// True for a file that begins like a version that is read.
 pub(super) fn begins_as_one(start: &[u8]) -> bool {
     let Some(start) = start.get(..24) else {
         return false;
@@ -44,12 +44,12 @@ struct Section {
     bucket_size: usize,
     full_buckets: usize,
     degree: usize,
-    /// What 1 of a position's integer is, and the integer in the middle.
+    /// Step of a position's integer, and the integer in the middle.
     step: f32,
     middle: f32,
     /// Middle of each bucket.
     buckets: Vec<[f32; 3]>,
-    /// How many splats are in each of the buckets that are not full.
+    /// Numbers of splats in the buckets that are not full.
     partial: Vec<u32>,
 }
 
@@ -93,7 +93,7 @@ impl Section {
         Ok((section, counts.map(|c| c as usize)))
     }
 
-    /// Which bucket each splat is in.
+    /// Bucket of each splat.
     fn bucket_of_each(&self) -> std::result::Result<Vec<u32>, String> {
         let full =
             (0..self.full_buckets as u32).flat_map(|b| std::iter::repeat_n(b, self.bucket_size));

@@ -91,14 +91,14 @@ struct Look {
     variants: Vec<Kept>,
 }
 
-/// Whether a scene has what looks have from version 5 on.
+/// True where a scene has lights as looks have them from version 5 on.
 fn is_lit_anew(scene: &Scene) -> bool {
     let environment = &scene.environment;
     let has_sky = environment.sky().is_some() || environment.without_suns;
     has_sky || !scene.lights.is_empty() || !scene.animation.is_empty()
 }
 
-/// Whether a scene says how files are read that older looks cannot say.
+/// True where a scene has readings of files that older looks lack.
 fn is_read_anew(scene: &Scene) -> bool {
     let is_new = |light: &EnvironmentLight| {
         light.layer.is_some() || light.layout == Some(Layout::CubeColumn)

@@ -15,17 +15,17 @@ const MOST_OF_CURVES: usize = 65536;
 
 const EXPECTED: &str = "a table of colours (.cube) is expected here";
 
-/// Of the largest cube, written with a dozen digits.
+/// Bytes of the largest cube, written with a dozen digits.
 const MOST_BYTES: u64 = 1 << 27;
 
-/// Whether a file that begins so says that it is one.
+/// True for a file that begins as one.
 pub(super) fn begins_as_one(start: &[u8]) -> bool {
     let text = text_of(start);
     let mut words = [&b"TITLE"[..], b"LUT_1D_", b"LUT_3D_", b"DOMAIN_"].into_iter();
     words.any(|word| text.starts_with(word))
 }
 
-/// Whether it may be one all the same: with a comment first.
+/// True for a file that may be one all the same: with a comment first.
 pub(super) fn begins_as_text(start: &[u8]) -> bool {
     text_of(start).starts_with(b"#")
 }
@@ -142,7 +142,7 @@ fn parse(text: &str) -> Result<Lut, String> {
     })
 }
 
-/// Whether a word is written as keywords of the format are.
+/// True for a word that is written as the format's keywords are.
 fn is_keyword(word: &str) -> bool {
     let is_letter = |c: char| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_';
     word.len() > 1 && word.chars().all(is_letter)

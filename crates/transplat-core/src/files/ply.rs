@@ -241,21 +241,21 @@ fn read_ascii(
 /// Indices of the properties that make a surfel.
 struct Layout {
     position: [usize; 3],
-    /// Whether positions are stored in more than 32 bits of float.
+    /// True where positions are stored in more than 32-bit floats.
     position_is_wide: bool,
     rotation: [usize; 4],
     scales: Vec<usize>,
     opacity: usize,
-    /// What Mip-Splatting widens each Gaussian by.
+    /// Mip-Splatting's filter, which widens each Gaussian.
     filter: Option<usize>,
     /// `[K][3]`
     sh: Vec<[usize; 3]>,
-    /// What 1 is stored as, where colour is no SH and stored as it is shown.
+    /// Stored value of 1, where colour is no SH and stored as it is shown.
     shown: Option<f32>,
     degree: usize,
-    /// Whether scales are lengths, not logarithms.
+    /// True where scales are lengths, not logarithms.
     are_lengths: bool,
-    /// Whether opacities are shares, not logits.
+    /// True where opacities are shares, not logits.
     are_shares: bool,
 }
 
@@ -397,7 +397,7 @@ impl Layout {
     }
 }
 
-/// What a PLY is that is no splat, and what to do about it.
+/// Description of a PLY that is no splat, and what to do about it.
 fn no_splat(header: &Header) -> Option<String> {
     let has = |name: &str| header.find(name).is_some();
     if has("scale_0") || has("rot_0") || !has("x") {

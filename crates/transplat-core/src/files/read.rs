@@ -14,13 +14,13 @@ pub const MAX_ENVIRONMENT_PIXELS: usize = 1 << 27;
 /// No edge of a map is longer: 512 pixels a degree, and what is kept a column stays small.
 pub const MAX_ENVIRONMENT_EDGE: usize = 1 << 16;
 
-/// What a gzip stream begins with.
+/// First bytes of a gzip stream.
 const GZIP: &[u8] = &[0x1f, 0x8b];
 
-/// What an SPZ splat begins with: in the clear in version 4, inside the gzip stream before.
+/// First bytes of an SPZ splat: in the clear in version 4, inside the gzip stream before.
 pub(super) const SPZ: &[u8] = b"NGSP";
 
-/// What a zip archive begins with.
+/// First bytes of a zip archive.
 pub(super) const ZIP: &[u8] = b"PK\x03\x04";
 
 /// Bytes that are unpacked of a file at most.
@@ -123,7 +123,7 @@ const PACKED: [&str; 9] = [
     "ply", "spz", "sog", "splat", "ksplat", "glb", "gltf", "hdr", "exr",
 ];
 
-/// How a file packs another one.
+/// Packing of one file in another.
 enum Packing {
     /// It is what it is.
     None,
@@ -246,7 +246,7 @@ pub(super) fn first_bytes(path: &Path, count: u64) -> Result<(Vec<u8>, Option<u6
     Ok((start, length))
 }
 
-/// That there is a file or folder that may be read.
+/// Checks that there is a file or folder that may be read.
 ///
 /// # Errors
 /// There is none, or it may not be.

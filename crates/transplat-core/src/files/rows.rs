@@ -9,7 +9,7 @@ use crate::morton::neighborhood_order;
 use crate::sh::coefficient_count;
 use crate::surfels::{Bounds, SurfelCloud, Thickness, UpAxis};
 
-/// What kind of splat a file holds.
+/// Kind of splat in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AssetKind {
     /// 2D Gaussian surfels: two scales.
@@ -18,10 +18,10 @@ pub enum AssetKind {
     Gaussians3d,
 }
 
-/// What loading noticed.
+/// Report of loading.
 #[derive(Clone, Debug)]
 pub struct AssetReport {
-    /// What the file's format and version are called.
+    /// Name of the file's format and version.
     pub format: String,
     /// 2DGS or 3DGS.
     pub kind: AssetKind,
@@ -35,9 +35,9 @@ pub struct AssetReport {
     pub left_out: Vec<usize>,
     /// 3DGS: median of shortest over second axis. 0 is flat; relighting needs well under 0.3.
     pub median_flatness: Option<f32>,
-    /// Which way is up, where the file says so.
+    /// Up axis, where the file has one.
     pub up: Option<UpAxis>,
-    /// What reading it assumed, for the user.
+    /// Assumptions of reading it, for the user.
     pub warnings: Vec<String>,
 }
 
@@ -88,7 +88,7 @@ pub(super) struct StoredRow {
     pub logit: f32,
 }
 
-/// The same as a surfel.
+/// Row as a surfel.
 struct Row {
     position: Vec3,
     tangents: [Vec3; 2],
@@ -177,12 +177,12 @@ pub(super) struct Builder {
     filled: usize,
     is_antialiased: bool,
     left_out: Vec<usize>,
-    /// What positions are rounded to; none where the distance tells, in 32 bits of float.
+    /// Quantum of positions; none where 32-bit floats determine it.
     position_step: Option<f64>,
     tally: Tally,
 }
 
-/// What is counted of stored numbers, which tells how they are meant.
+/// Counts of stored numbers, which tell their encoding.
 #[derive(Clone, Copy)]
 struct Tally {
     third_scale_is_zero: bool,
@@ -199,7 +199,7 @@ impl Tally {
         most_logit: f32::NEG_INFINITY,
     };
 
-    /// What is no number counts for nothing.
+    /// Counts a row; NaN counts for nothing.
     fn add(&mut self, row: &StoredRow, axes: usize) {
         let third = row.log_scales[2];
         self.third_scale_is_zero &= axes < 3 || third == 0.0 || third.is_nan();
@@ -220,7 +220,7 @@ impl Tally {
     }
 }
 
-/// How rows are stored, by all of them.
+/// Encoding of the rows, by all of them.
 pub(super) struct Found {
     pub third_scale_is_zero: bool,
     /// Scales are lengths, not logarithms.
@@ -229,7 +229,7 @@ pub(super) struct Found {
     pub are_shares: bool,
 }
 
-/// What loading takes for a surfel beside its colour: its geometry, twice while it is rearranged, and where its row went.
+/// Bytes of a surfel while loading, beside its colour: its geometry, twice while it is rearranged, and where its row went.
 const GEOMETRY_BYTES: usize = 150;
 
 /// In the place of a surfel: the row is of none that is written.
@@ -273,12 +273,12 @@ impl Builder {
         self.is_antialiased = true;
     }
 
-    /// What positions in the file are rounded to; without that, 32 bits of float.
+    /// Sets the quantum of positions in the file; the default is that of 32-bit floats.
     pub(super) fn set_position_step(&mut self, step: f64) {
         self.position_step = Some(step);
     }
 
-    /// How the rows are stored, by all of them.
+    /// Encoding of the rows, by all of them.
     pub(super) fn found(&self) -> Found {
         let tally = &self.tally;
         // As logarithms they would be as large as the object, and as lengths they are not.
@@ -423,12 +423,12 @@ pub(super) fn origin_near(place: DVec3, size: f64) -> DVec3 {
     }
 }
 
-/// What 32 bits of float round a coordinate to.
+/// Quantum of a coordinate in 32-bit floats.
 pub(super) fn float_step(far: f64) -> f64 {
     far * f64::from(f32::EPSILON) / 2.0
 }
 
-/// That a file's positions are rounded to more than its splats are large.
+/// Warning that a file's positions are rounded to more than its splats are large.
 fn coarse_warning(cloud: &SurfelCloud, position_step: Option<f64>) -> Option<String> {
     let far = cloud.origin.abs().max_element();
     let step = position_step.unwrap_or_else(|| float_step(far));

@@ -102,7 +102,7 @@ impl Codebook {
 }
 
 impl Values {
-    /// What each byte of each channel stands for.
+    /// Values of each byte of each channel.
     fn tables<const N: usize>(&self) -> std::result::Result<[[f32; CODES]; N], String> {
         if let Some(codebook) = &self.codebook {
             return Ok([codebook.table()?; N]);
@@ -319,7 +319,7 @@ fn decode(bytes: &[u8], least: u64, count: u64) -> std::result::Result<RgbaImage
 /// The SH of degree 1 and more that splats share.
 struct Palette<'a> {
     degree: usize,
-    /// What each byte of a coefficient stands for.
+    /// Values of each byte of a coefficient.
     values: [f32; CODES],
     centroids: &'a RgbaImage,
     /// Entry of each splat, low and high byte.

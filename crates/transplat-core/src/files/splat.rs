@@ -14,7 +14,7 @@ pub(super) const ROW: usize = 32;
 /// Rows are read and converted in blocks of this size.
 const BLOCK_ROWS: usize = 1 << 16;
 
-/// Whether a file that begins like this can be one, of so many bytes where that is known: there is nothing else that it could be known by.
+/// True for a file that can be one by its beginning, and by its size where that is known: there is nothing else to know it by.
 pub(super) fn begins_as_one(start: &[u8], file_bytes: Option<u64>) -> bool {
     let is_row = |row: &[u8]| {
         let mut fields = Fields(row);

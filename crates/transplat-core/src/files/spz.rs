@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
 use crate::surfels::UpAxis;
 
-/// What a gzip stream begins with.
+/// First bytes of a gzip stream.
 pub(super) const GZIP: &[u8; 2] = &[0x1f, 0x8b];
 
 /// The highest degree that the format knows.
@@ -261,7 +261,7 @@ fn read_frames(
     Ok((header, body, extensions))
 }
 
-/// Which way is up, where an extension says so.
+/// Up axis, where an extension has it.
 fn up_of(mut extensions: &[u8]) -> Option<UpAxis> {
     while extensions.len() >= 8 {
         let mut fields = Fields(extensions);
@@ -328,7 +328,7 @@ pub(super) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Resul
     Ok(())
 }
 
-/// What positions of a splat are rounded to.
+/// Quantum of a splat's positions.
 pub(super) fn position_step(splat: &Written<'_>) -> f64 {
     (-f64::from(fractional_bits(splat))).exp2()
 }

@@ -11,7 +11,7 @@ use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 use crate::rasterize::Raster;
 
-/// Whether a file can be written there: to be asked before long work.
+/// Checks, before long work, that a file can be written there.
 ///
 /// # Errors
 /// It is a directory, its folder does not exist, or it is there and may not be written.
@@ -42,7 +42,7 @@ pub fn check_output(path: &Path) -> Result<()> {
     check_folder(folder)
 }
 
-/// Whether files can be written into a folder, or it can be made: to be asked before long work.
+/// Checks, before long work, that files can be written into a folder, or it can be made.
 ///
 /// # Errors
 /// It, or what there is of the way to it, is no folder or may not be written.
@@ -159,7 +159,7 @@ pub enum PngBits {
     Sixteen,
 }
 
-/// What an EXR's values are stored as.
+/// Number format of an EXR.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ExrFloats {
     /// 32 bits.
@@ -169,7 +169,7 @@ pub enum ExrFloats {
     Half,
 }
 
-/// Whether an environment can be written by that name.
+/// True where an environment can be written by that name.
 pub fn is_environment_name(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default();
     is_radiance(path) || extension.eq_ignore_ascii_case("exr")

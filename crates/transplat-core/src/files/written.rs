@@ -21,17 +21,17 @@ pub(super) struct Written<'a> {
     pub cloud: &'a SurfelCloud,
     /// Colour `[n][K][3]` as [`crate::color::Encoding::Stored`] has it.
     pub stored: &'a [[f32; 3]],
-    /// Which surfels are written, in this order.
+    /// Surfels that are written, in this order.
     pub order: Vec<u32>,
-    /// Which way is up, as far as anybody knows.
+    /// Up axis, as far as it is known.
     pub up: Option<UpAxis>,
-    /// Whether it is linear all the same.
+    /// True where colour is linear all the same.
     pub is_linear: bool,
-    /// What they are made of, `[n]`, where that is written, too.
+    /// Materials, `[n]`, where they are written, too.
     pub materials: Option<&'a [Material]>,
     /// Degree of the colour.
     pub degree: usize,
-    /// Whether they are 3D Gaussians of which most were trained with their opacity compensated for the low-pass.
+    /// True for 3D Gaussians of which most were trained with their opacity compensated for the low-pass.
     pub is_antialiased: bool,
 }
 
@@ -39,7 +39,7 @@ pub(super) struct Written<'a> {
 pub(super) struct Gaussian<'a> {
     /// In the coordinates of the file.
     pub position: [f64; 3],
-    /// The same relative to the splat's origin.
+    /// Position relative to the splat's origin.
     pub place: Vec3,
     /// Unit quaternion w, x, y, z.
     pub rotation: [f32; 4],
@@ -51,11 +51,11 @@ pub(super) struct Gaussian<'a> {
     pub opacity: f32,
     /// `[K]`
     pub sh: &'a [[f32; 3]],
-    /// What it is made of, where that is known; its normal is then the surface's.
+    /// Material, where that is known; its normal is then the surface's.
     pub material: Option<&'a Material>,
 }
 
-/// What is written of a material besides its normal.
+/// Property of a material besides its normal.
 pub(super) struct MaterialProperty {
     pub name: &'static str,
     pub width: usize,
@@ -101,7 +101,7 @@ impl<'a> Written<'a> {
         self.order.len()
     }
 
-    /// Whether any of it is a 3D Gaussian.
+    /// True where any of it is a 3D Gaussian.
     pub fn has_gaussians(&self) -> bool {
         let mut thicknesses = self
             .order

@@ -45,7 +45,7 @@ pub struct OracleDirectional<'a> {
 struct OracleLight {
     /// Direction and energy of each of the bake's directions.
     sky: Vec<(DVec3, Rgb)>,
-    /// And which surfels it reaches.
+    /// Suns, with the surfels that each reaches.
     suns: Vec<(DVec3, Rgb, Vec<bool>)>,
     irradiance: Vec<FrontAndBack>,
     /// Mean over the sphere of the irradiance where nothing blocks it.
@@ -264,7 +264,7 @@ impl<'a> OracleDirectional<'a> {
         e
     }
 
-    /// The same, the source believed so far: [`crate::environment::Illumination::trust`].
+    /// Oracle with a low-confidence source. See [`crate::environment::Illumination::trust`].
     pub fn trusting(mut self, trust: f32) -> Self {
         self.trust = f64::from(trust);
         for gloss in self.gloss.iter_mut().filter(|_| trust < 1.0) {
@@ -331,7 +331,7 @@ impl<'a> OracleDirectional<'a> {
         rays
     }
 
-    /// What the surfel mirrors towards each node.
+    /// Radiance that the surfel mirrors towards each node.
     fn mirrored(&self, i: usize, rays: &[(DVec3, Rgb)], exponent: f64) -> Vec<Rgb> {
         let n = self.n(i);
         self.nodes
@@ -602,8 +602,8 @@ impl<'a> OracleDirectional<'a> {
             .collect()
     }
 
-    /// How many times a relative change of the source's beams is amplified in the tau of surfel `i`'s front (norms over the beams; the
-    /// worst channel): `|t| |L| / divisor`, `t` the cosines of the beams that reach it. No beam is negative, and nothing cancels.
+    /// Condition number of the tau of surfel `i`'s front against a relative change of the source's samples (norms over the samples; the worst
+    /// channel): `|t| |L| / divisor`, `t` the cosines of the samples that reach it. No sample is negative, and nothing cancels.
     pub fn condition(&self, i: usize) -> f64 {
         let n = self.n(i);
         let sky = self.source.sky.iter().enumerate();

@@ -14,9 +14,9 @@ pub struct EstimateProblem<'a> {
     pub seen: &'a [f32],
     /// Basis functions over the directions. `[D][K]`
     pub basis: &'a [Vec<f64>],
-    /// How sure it is beforehand that a coefficient is 0. `[K]`
+    /// Prior precision of each coefficient about 0. `[K]`
     pub precision: &'a [f64],
-    /// How two channels are held together. `[3][3]`
+    /// Coupling of two channels. `[3][3]`
     pub coupling: [[f64; 3]; 3],
     /// Irradiance from surfels. `[c][3]`
     pub bounced: &'a [[f64; 3]],

@@ -15,7 +15,7 @@ use crate::sh::{
 };
 use crate::transfer::harmonic::UNATTENUATED;
 
-/// What the oracle needs of lights and settings; made once, since the tensor takes a while.
+/// Lights and settings as the oracle needs them; made once, since the tensor takes a while.
 pub struct OracleHarmonic {
     settings: TransferSettings,
     tensor: Vec<f64>,
@@ -63,9 +63,8 @@ impl OracleHarmonic {
         self
     }
 
-    /// How many times a relative change of the source light is amplified in tau, and how many times one of the visibility is (norms of
-    /// coefficients; the worst channel). With `E = t.L = g.V` it is `|t| |L| / (E + eps)` and `|g| |V| / (E + eps)`: where the series
-    /// cancels, `E` is small and neither product is.
+    /// Condition numbers of tau against a relative change of the source light, and one of the visibility (norms of coefficients; the worst channel).
+    /// With `E = t.L = g.V` they are `|t| |L| / (E + eps)` and `|g| |V| / (E + eps)`: where the series cancels, `E` is small and neither product is.
     pub fn conditions(&self, normal: [f64; 3], visibility: &[f64]) -> [f64; 2] {
         let degree = self.settings.sh_degree;
         let k = coefficient_count(degree);

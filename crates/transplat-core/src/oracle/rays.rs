@@ -60,7 +60,7 @@ pub fn openness(input: &BakeInput, i: usize, j: usize) -> f64 {
     sum / TAPS.len() as f64
 }
 
-/// How far a ray from surfel `i` towards `direction` goes until it meets the disc of surfel `j`, if it does.
+/// Distance of a ray from surfel `i` towards `direction` to the disc of surfel `j`, if it hits that.
 pub fn hit_distance(surfels: &[RaySurfel], i: usize, direction: DVec3, j: usize) -> Option<f64> {
     let (from, met) = (&surfels[i], &surfels[j]);
     let (normal, minor) = (from.normal.as_dvec3(), f64::from(from.minor));
@@ -85,8 +85,7 @@ pub fn hit_distance(surfels: &[RaySurfel], i: usize, direction: DVec3, j: usize)
     (u * u + v * v <= 1.0 && t > nearest).then_some(t)
 }
 
-/// What of the light from far away towards `direction` reaches the centre of surfel `i`: all surfels between, each as far as it
-/// reaches.
+/// Transmittance of light from far away towards `direction` to the centre of surfel `i`: all surfels between, each as far as it reaches.
 pub fn transmittance(cloud: &SurfelCloud, i: usize, direction: DVec3) -> f64 {
     let origin = cloud.positions[i].as_dvec3();
     let lets_through = |j: usize| {

@@ -71,7 +71,7 @@ pub(super) struct Tile {
     rows: [Row; TILE],
     /// [`Row::open`] of each, as it was last looked at.
     open: [u16; TILE],
-    /// Of its first pixel in the picture.
+    /// Position of its first pixel in the image.
     corner: [usize; 2],
     /// Pixels that places are told by.
     grain: usize,
@@ -99,12 +99,12 @@ impl Tile {
         tile
     }
 
-    /// Whether nothing can be added any more.
+    /// True where nothing can be added any more.
     pub fn is_finished(&self) -> bool {
         self.open == [0; TILE]
     }
 
-    /// Whether a surfel may add something.
+    /// True where a surfel may add something.
     #[inline(always)]
     pub fn takes(&self, touches: [u16; 4]) -> bool {
         let ([top, bottom], columns) = self.touched(touches);

@@ -37,31 +37,31 @@ pub(super) struct ProjectedSurfel {
     pub touches: [u16; 4],
     /// Peak opacity, 0 to 1.
     pub opacity: f32,
-    /// Of the centre, in scene units.
+    /// Depth of the centre, in scene units.
     pub depth: f32,
     index: u32,
 }
 
 impl ProjectedSurfel {
-    /// Which one it is.
+    /// Index of the surfel.
     #[inline(always)]
     pub fn index(&self) -> usize {
         (self.index & !GAUSSIAN) as usize
     }
 
-    /// Whether it is a 3D Gaussian.
+    /// True for a 3D Gaussian.
     #[inline(always)]
     pub fn is_gaussian(&self) -> bool {
         self.index & GAUSSIAN != 0
     }
 
-    /// The same with others counted before it.
+    /// Surfel with others counted before it.
     pub(super) fn counted(self, before: usize) -> Self {
         let index = self.index + before as u32;
         Self { index, ..self }
     }
 
-    /// The same with depths in a unit of which that of its own is `scale`.
+    /// Surfel with depths in a unit of which that of its own is `scale`.
     pub(super) fn scaled(self, scale: f32) -> Self {
         let depth = self.depth * scale;
         if scale == 1.0 || self.is_gaussian() {
@@ -88,7 +88,7 @@ impl ProjectedSurfel {
         (alpha > 0.0).then_some((alpha, depth))
     }
 
-    /// What orders surfels: nearest centre first, of equal ones the first.
+    /// Sort key: nearest centre first, of equal ones the first.
     pub(super) fn order(&self, at: usize) -> u64 {
         // Positive floats sort as their bits do.
         u64::from(self.depth.to_bits()) << 32 | at as u64

@@ -11,7 +11,7 @@ use crate::color_rows::{ColorRows, weighted_sum};
 use crate::lanes::{LANES, Lanes};
 use crate::sh::{MAX_COEFFICIENTS, coefficient_count, evaluate_basis};
 
-/// What the colours of a picture are.
+/// Meaning of an image's colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ColorSpace {
     /// Display-encoded, after exposure and tone curve: as splats are trained and blended.
@@ -64,21 +64,21 @@ pub enum Functions<'a> {
 /// SH colour as it is seen from somewhere.
 #[derive(Clone, Debug)]
 pub struct Shading<'a> {
-    /// Of the surfels, `[n]`.
+    /// Positions of the surfels, `[n]`.
     pub positions: &'a [Vec3],
     /// Their colour.
     pub sh: Functions<'a>,
-    /// Of `sh`.
+    /// SH degree of `sh`.
     pub degree: usize,
-    /// What `sh` stands for.
+    /// Encoding of `sh`.
     pub encoding: Encoding,
-    /// What the light is multiplied by, `[n]`.
+    /// Factor of the light, `[n]`.
     pub gains: Option<&'a [[f32; 3]]>,
-    /// Those coefficients that take part.
+    /// Coefficients that take part.
     pub coefficients: Range<usize>,
     /// In the surfels' coordinates.
     pub eye: Vec3,
-    /// What the colours are for.
+    /// Meaning of the colours.
     pub space: ColorSpace,
 }
 

@@ -23,11 +23,11 @@ pub struct Placed<'a> {
     pub cloud: &'a SurfelCloud,
     /// The view in its coordinates and unit, [`Camera::seen_from`].
     pub camera: Camera,
-    /// What 1 in its unit is in the scene's.
+    /// Length of its unit in the scene's.
     pub scale: f32,
     /// Its surfels that are not drawn, `[n]` or empty.
     pub hidden: &'a [bool],
-    /// Whether it is drawn at all.
+    /// True where it is drawn.
     pub shown: bool,
     /// One of so many of its surfels is drawn, as much larger, where a picture has few pixels; 1 draws all.
     pub one_of: usize,
@@ -57,7 +57,7 @@ impl<'a> Placed<'a> {
     }
 }
 
-/// What is projected and listed at once: surfels that follow each other in one object.
+/// Surfels that are projected and listed at once: those that follow each other in one object.
 struct Piece<'a, 'b> {
     object: &'b Placed<'a>,
     surfels: Range<usize>,
@@ -98,16 +98,16 @@ fn pieces<'a, 'b>(objects: &'b [Placed<'a>]) -> Vec<Piece<'a, 'b>> {
 /// For each tile the projected surfels that touch it, in no order.
 #[derive(Debug, Default)]
 pub(super) struct Tiles {
-    /// Those that are seen of each piece, at the piece's place; what is between is left from before.
+    /// Visible surfels of each piece, at the piece's place; what is between is left from before.
     pub projected: Vec<ProjectedSurfel>,
-    /// How many they are.
+    /// Number of visible surfels.
     pub seen: usize,
     pub columns: usize,
     pub rows: usize,
     /// Pixels that places are told by.
     pub grain: usize,
     starts: Vec<usize>,
-    /// What orders it, its place in `projected` included.
+    /// Sort key, its place in `projected` included.
     entries: Vec<AtomicU64>,
 }
 
@@ -175,7 +175,7 @@ impl Tiles {
             });
     }
 
-    /// What touches a tile, as numbers that order it and hold its place in `projected` in the lower half.
+    /// Surfels that touch a tile, as keys that hold their place in `projected` in the lower half.
     pub fn of(&self, tile: usize) -> impl ExactSizeIterator<Item = u64> {
         let entries = &self.entries[self.starts[tile]..self.starts[tile + 1]];
         entries.iter().map(|entry| entry.load(Ordering::Relaxed))

@@ -21,7 +21,7 @@ pub struct Animation {
 pub struct LightKey {
     /// In seconds from the beginning.
     pub time: f64,
-    /// How the light goes on from here to the next key.
+    /// Easing from here to the next key.
     #[serde(default)]
     pub ease: Ease,
     /// The environment's turn, in degrees; from key to key it goes the shorter way.
@@ -38,7 +38,7 @@ pub struct LightKey {
     pub lights: Vec<Option<f32>>,
 }
 
-/// How one state becomes another.
+/// Easing from one state to another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Ease {
@@ -51,7 +51,7 @@ pub enum Ease {
 
 /// Keys of an animation, and seconds that it takes, at most.
 pub const MOST_KEYS: usize = 500;
-/// See [`MOST_KEYS`].
+/// Longest animation, in seconds.
 pub const LONGEST: f64 = 3600.0;
 
 /// Frames that are drawn of an animation, at most.
@@ -61,7 +61,7 @@ pub const MOST_FRAMES: usize = 20_000;
 const SAME_TIME: f64 = 5e-3;
 
 impl Ease {
-    /// How far the state is, 0 to 1, once that share of the time is over.
+    /// Share of the state, 0 to 1, once that share of the time is over.
     pub fn share(self, over: f64) -> f64 {
         match self {
             Self::Linear => over,
@@ -98,7 +98,7 @@ impl LightKey {
         }
     }
 
-    /// What is between this key and a later one, at a time.
+    /// Key between this one and a later one, at a time.
     fn between(&self, next: &Self, time: f64) -> Self {
         let over = (time - self.time) / (next.time - self.time).max(f64::MIN_POSITIVE);
         let share = self.ease.share(over.clamp(0.0, 1.0));
@@ -177,12 +177,12 @@ fn sun_between(
 }
 
 impl Animation {
-    /// Whether nothing changes.
+    /// True where nothing changes.
     pub fn is_empty(&self) -> bool {
         self.keys.is_empty()
     }
 
-    /// How long it takes, in seconds.
+    /// Duration in seconds.
     pub fn seconds(&self) -> f64 {
         self.keys.last().map_or(0.0, |key| key.time)
     }
@@ -250,7 +250,7 @@ impl Animation {
         }
     }
 
-    /// How many frames there are at so many a second, the last key's among them.
+    /// Number of frames at so many a second, the last key's among them.
     pub fn frames(&self, frame_rate: u32) -> usize {
         (self.seconds() * f64::from(frame_rate)).round() as usize + 1
     }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Result, ensure};
 
-/// How far from the origin a place may be, on each axis.
+/// Largest distance of a place from the origin, on each axis.
 pub const FARTHEST: f32 = 1e12;
 
 /// The most boxes that an object is cut along.
@@ -15,7 +15,7 @@ pub const MOST_CUTS: usize = 256;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cut {
-    /// Which side of it is the object.
+    /// Side of it that the object is on.
     pub keep: Keep,
     /// Least corner.
     pub min: Vec3,
@@ -27,20 +27,20 @@ pub struct Cut {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Keep {
-    /// What lies in it.
+    /// Inside of the box.
     Inside,
-    /// What lies around it.
+    /// Outside of the box.
     Outside,
 }
 
 impl Cut {
-    /// Whether a surfel that lies there is the object's: one is on either side of a box, never on both.
+    /// True for a surfel of the object by its place: one is on either side of a box, never on both.
     pub fn keeps(&self, position: Vec3) -> bool {
         let is_inside = position.cmpge(self.min).all() && position.cmple(self.max).all();
         is_inside == (self.keep == Keep::Inside)
     }
 
-    /// The same box, the other side.
+    /// Cut with the same box that keeps the other side.
     pub fn inverse(&self) -> Self {
         Self {
             keep: match self.keep {
@@ -62,7 +62,7 @@ impl Cut {
     }
 }
 
-/// Which of some places are on the side of all cuts that is kept: their indices, none where nothing is cut.
+/// Indices of the places that all cuts keep; none where nothing is cut.
 pub fn kept(cuts: &[Cut], positions: &[Vec3]) -> Option<Vec<usize>> {
     let is_kept = |i: &usize| cuts.iter().all(|cut| cut.keeps(positions[*i]));
     (!cuts.is_empty()).then(|| (0..positions.len()).filter(is_kept).collect())

@@ -31,10 +31,10 @@ pub struct EnvironmentLight {
     /// Sun and sky, where the file is `sky`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sky: Option<Sky>,
-    /// How its picture lays out what is all around; none where its shape says.
+    /// Layout of its image; none for that of its shape.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub layout: Option<Layout>,
-    /// Which layer or part of an OpenEXR file it is; none where their names say.
+    /// Layer or part of an OpenEXR file; none for the one that its names suggest.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub layer: Option<String>,
     /// Without the suns in its picture, which may be among the lights instead.
@@ -46,7 +46,7 @@ pub struct EnvironmentLight {
     pub tilt: f64,
     /// Mirrored left to right.
     pub mirror: bool,
-    /// Which axis of the map points up; a map is drawn with +Z up.
+    /// Axis of the map that points up; a map is drawn with +Z up.
     pub up: UpAxis,
     /// Strength in stops.
     pub strength: f32,
@@ -77,7 +77,7 @@ pub fn wrap(degrees: f64) -> f64 {
     (degrees + 180.0).rem_euclid(360.0) - 180.0
 }
 
-/// How far a light is tilted to bring something of it to where it is wanted, in degrees: beyond that its world lies on its side.
+/// Largest tilt that brings something of a light to where it is wanted, in degrees: beyond that its world lies on its side.
 pub const MOST_TILT: f64 = 60.0;
 
 impl EnvironmentLight {
@@ -89,7 +89,7 @@ impl EnvironmentLight {
         }
     }
 
-    /// Whether it is the light that the asset tells of.
+    /// True for the light that is estimated from the splat.
     pub fn is_estimate(&self) -> bool {
         self.file.as_deref().is_some_and(is_estimate)
     }
@@ -100,7 +100,7 @@ impl EnvironmentLight {
         is_it.then(|| self.sky.unwrap_or_default())
     }
 
-    /// How its file is read, where that is set.
+    /// Layout and layer of its file, where they are set.
     pub fn reading(&self) -> ImageReading {
         ImageReading {
             layout: self.layout,
@@ -191,7 +191,7 @@ impl EnvironmentLight {
         DMat3::from_diagonal(DVec3::new(1.0, y, 1.0))
     }
 
-    /// What the light's radiance is multiplied by, per channel.
+    /// Factor of the light's radiance, per channel.
     pub fn gain(&self) -> [f32; 3] {
         self.tint.map(|t| t * self.strength.exp2())
     }
@@ -208,7 +208,7 @@ impl EnvironmentLight {
         }
     }
 
-    /// The same map as it stands in the Z-up world, with its strength and tint and times a gain.
+    /// Map in the Z-up world, with its strength and tint and times a gain.
     pub fn in_world(
         &self,
         map: &EnvironmentMap,
@@ -264,22 +264,22 @@ impl EnvironmentLight {
 /// The most that a channel of a light is multiplied by, beside its strength.
 pub(super) const MOST_TINT: f32 = 1e3;
 
-/// Whether a light's name stands for uniform white light.
+/// True where a light's name stands for uniform white light.
 pub fn is_even(path: &Path) -> bool {
     path.as_os_str() == EVEN
 }
 
-/// Whether a light's name stands for sun and sky.
+/// True where a light's name stands for sun and sky.
 pub fn is_sky(path: &Path) -> bool {
     path.as_os_str() == SKY
 }
 
-/// Whether a light's name stands for the light that the asset tells of.
+/// True where a light's name stands for the estimated light.
 pub fn is_estimate(path: &Path) -> bool {
     path.as_os_str() == ESTIMATE
 }
 
-/// Whether a light's name is that of a file.
+/// True where a light's name is that of a file.
 pub fn is_file(path: &Path) -> bool {
     !is_even(path) && !is_estimate(path) && !is_sky(path)
 }

@@ -24,20 +24,19 @@ pub const SCALES: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Object {
-    /// What it is called, where that is not its file's name.
+    /// Name, where that is not its file's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Its file; none where the scene is for any.
     pub asset: Option<PathBuf>,
-    /// What of the file it is: what lies on the kept side of all of these. It was captured beside the rest, which shaded it and shone on it.
+    /// Cuts that leave the object of the file's splat. It was captured beside the rest, which shaded it and shone on it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub cut: Vec<Cut>,
-    /// Whether it is there at all: what is not shown neither casts a shadow nor shines on anything.
+    /// True where it is there at all: what is not shown neither casts a shadow nor shines on anything.
     pub shown: bool,
-    /// Whether it stays where it stands.
+    /// True where it stays where it stands.
     pub locked: bool,
-    /// What is added to the places that the scene says of it to have them in the coordinates of its file: none, but of a splat that lies far from
-    /// their origin.
+    /// Offset from the scene's places to the coordinates of its file: zero but for a splat that lies far from their origin.
     #[serde(skip_serializing_if = "is_none")]
     pub origin: DVec3,
     /// The asset's up axis, where the file's own is not to be believed.
@@ -50,7 +49,7 @@ pub struct Object {
     pub transform: Transform,
     /// The light that it was captured under.
     pub source: EnvironmentLight,
-    /// What of it is not drawn.
+    /// Filters of surfels that are not drawn.
     pub hide: Hide,
 }
 
@@ -93,7 +92,7 @@ impl Object {
         self.origin = origin;
     }
 
-    /// How the file is read: that makes a cloud of it, which stays whatever else is set.
+    /// Applies the settings of reading the file: that makes a cloud of it, which stays whatever else is set.
     pub fn apply_to(&self, cloud: &mut SurfelCloud) {
         if self.linear {
             cloud.encoding = Encoding::StoredLinear;
@@ -101,14 +100,14 @@ impl Object {
         cloud.outside_from.clone_from(&self.outside_from);
     }
 
-    /// What it is called: as its file without the ending, where nobody calls it otherwise.
+    /// Name: the user's, or that of its file without the ending.
     pub fn called(&self) -> Option<String> {
         let stem = || self.asset.as_deref().map(splat_name);
         let given = self.name.clone().filter(|name| !name.trim().is_empty());
         given.or_else(stem)
     }
 
-    /// Whether it is as it was captured, with nothing said of it that is for several.
+    /// True where it is as it was captured, with no settings that are for several.
     pub fn is_where_it_was_captured(&self) -> bool {
         let is_plain = self.name.is_none() && self.shown && !self.locked && self.cut.is_empty();
         is_plain && is_none(&self.origin) && self.transform == Transform::default()
@@ -150,7 +149,7 @@ impl Object {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Transform {
-    /// Of lengths.
+    /// Factor of lengths.
     pub scale: f32,
     /// After the scale: a unit quaternion x, y, z, w.
     pub rotation: Quat,

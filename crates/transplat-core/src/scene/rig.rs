@@ -25,7 +25,7 @@ pub struct Rig {
     /// The lights.
     #[serde(default)]
     pub lights: Vec<Light>,
-    /// What shines from all around; where it is not named, whatever does already.
+    /// Environment around the lights; none leaves the one that is there.
     #[serde(
         default,
         deserialize_with = "named",
@@ -66,7 +66,7 @@ impl Rig {
         }
     }
 
-    /// Of lights, and what is around them.
+    /// Rig of lights, and the environment around them.
     pub fn of(lights: Vec<Light>, environment: Option<Around>) -> Self {
         Self {
             lights,
@@ -76,14 +76,14 @@ impl Rig {
     }
 }
 
-/// What shines from all around the lights of a [`Rig`].
+/// Environment around the lights of a [`Rig`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Around {
     /// Nothing; `null` in the file.
     Nothing,
-    /// The same radiance from everywhere, linear RGB.
+    /// Uniform radiance, linear RGB.
     Uniform {
-        /// That radiance.
+        /// Radiance from everywhere.
         uniform: [f32; 3],
     },
     /// Sun and sky.
@@ -150,7 +150,7 @@ impl AroundWritten {
     }
 }
 
-/// What is named, if only to be nothing.
+/// Reads a field that is named, if only to be nothing.
 fn named<'de, D: serde::Deserializer<'de>>(
     from: D,
 ) -> std::result::Result<Option<Around>, D::Error> {

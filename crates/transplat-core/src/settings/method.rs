@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Which mathematics.
+/// Method of the transfer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Method {
     /// Products of spherical harmonics: sections 3.2 to 3.5 of the paper, computed without error.

@@ -2,7 +2,7 @@
 
 use super::method::Method;
 
-/// What the stages leave out: all of it unless a test or a measurement wants to know what that saves.
+/// Optimizations that are on: all of them unless a test or a measurement compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Skips([bool; Skip::ALL.len()]);
 
@@ -13,7 +13,7 @@ impl Skips {
     /// Nothing is left out.
     pub const NONE: Self = Self([false; Skip::ALL.len()]);
 
-    /// Whether that is left out.
+    /// True where an optimization is on.
     pub fn has(self, skip: Skip) -> bool {
         self.0[skip as usize]
     }
@@ -123,7 +123,7 @@ impl Skip {
         }
     }
 
-    /// Whether it spares single rays of a bake.
+    /// True for optimizations that spare single rays of a bake.
     pub fn is_of_rays(self) -> bool {
         matches!(
             self,
@@ -131,7 +131,7 @@ impl Skip {
         )
     }
 
-    /// What a scene needs where it does not apply.
+    /// Reason why a scene cannot use it, in words.
     pub fn needed(self) -> &'static str {
         match self {
             Self::ClosedSides => "rays on both sides of every surfel: no side is closed",
@@ -158,7 +158,7 @@ impl Skip {
 pub enum Stage {
     /// Reading a light.
     Project,
-    /// Of the asset.
+    /// Bake of a splat.
     Bake,
     /// For asset and source light.
     Prepare,
@@ -183,13 +183,13 @@ impl Stage {
 pub struct Skipped {
     /// What, for people.
     pub what: String,
-    /// And why.
+    /// Reason that it was skipped.
     pub why: String,
     /// By which of the [`Skips`], where it can be done all the same.
     pub skip: Option<Skip>,
     /// The stage that is quicker for it.
     pub stage: Stage,
-    /// Which part of the stage's work it was, 0 to 1, where that can be told.
+    /// Share of the stage's work, 0 to 1, where that is known.
     pub share: Option<f32>,
     /// Bytes that were not allocated.
     pub bytes: usize,

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use super::bands::{MAX_COEFFICIENTS, MAX_DEGREE, coefficient_count};
 
-/// What the SH code needs of a number: `f32`, `f64`, or a vector of lanes that computes several surfels at once.
+/// Number type of the SH code: `f32`, `f64`, or a vector of lanes that computes several surfels at once.
 pub trait Real:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {

@@ -13,7 +13,7 @@ pub struct LightOperator {
     pub degree: usize,
     /// One symmetric `[K][K]` matrix per channel.
     pub matrices: [Vec<f32>; 3],
-    /// Whether the three are the same.
+    /// True where the three channels are equal.
     pub is_gray: bool,
 }
 

@@ -203,7 +203,7 @@ pub fn rotate_coefficients<const C: usize>(
     out
 }
 
-/// The same of many functions, `[n][K][3]`.
+/// Rotates many functions, `[n][K][3]`.
 pub fn rotate_functions(rotation: DMat3, degree: usize, functions: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let each = functions.par_chunks_exact(coefficient_count(degree));
     each.flat_map_iter(|f| rotate_coefficients(rotation, degree, f))

@@ -26,7 +26,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::materials::WHITEST;
-use super::relit::{Part, round_to_half};
+use super::relit::Part;
 use crate::bake::directional::DirectionalBake;
 use crate::color_rows::{ColorRows, RowMut, rows_of};
 use crate::environment::{Beams, Illumination, IncidentRadiance};
@@ -60,7 +60,7 @@ use rays::Rays;
 /// Turns of the fixed point by which light bounces.
 pub const TURNS: usize = 3;
 
-/// What is divided by is at least that much, relative to the mean irradiance of the source: a channel may hold no light at all.
+/// Least divisor, relative to the mean irradiance of the source: a channel may hold no light at all.
 pub const LEAST_IRRADIANCE: f32 = 1e-6;
 
 /// A channel of the source with less than that share of its mean irradiance tells nothing: it is filled up to it, in both lights.
@@ -69,13 +69,13 @@ const LEAST_CHANNEL: f32 = 0.05;
 /// An asset under its source light, ready for any other.
 #[derive(Clone, Debug)]
 pub struct DirectionalTransfer {
-    /// Of what.
+    /// Splat that is relit.
     pub asset: Arc<DirectionalAsset>,
     /// How.
     pub settings: TransferSettings,
-    /// What target lights are multiplied by: 1 over the source's mean irradiance.
+    /// Factor of target lights: 1 over the source's mean irradiance.
     pub light_gain: f32,
-    /// Whether the source was black, and even light was taken in its place.
+    /// True where the source was black, and even light was taken in its place.
     pub source_was_black: bool,
     /// Power to which a change of matte light is taken: [`Illumination::trust`] of the source. What it mirrored is not asked below 1.
     pub trust: f32,
@@ -87,13 +87,13 @@ pub struct DirectionalTransfer {
     least: [f32; 3],
     /// Share of each light's mean that a channel gets because the source hardly has it.
     fill: [f32; 3],
-    /// What each surfel mirrors. `[n]`
+    /// Specular lobe of each surfel. `[n]`
     pub gloss: Vec<Gloss>,
-    /// How much of each surfel's matte colour is its own light, which no other changes; empty where none is. `[n]`
+    /// Share of emission in each surfel's diffuse colour, which no light changes; empty where none is. `[n]`
     glow: Vec<f32>,
-    /// How many surfels show any gloss.
+    /// Number of surfels with any specular lobe.
     pub glossy_surfels: usize,
-    /// And how many so little that they are taken for matte.
+    /// Number of surfels whose lobe is so faint that they are taken for diffuse.
     faintly_glossy: usize,
     /// Irradiance, bounced light and epsilon under the source. `[n]`
     pub divisor: Vec<FrontAndBack>,
@@ -160,7 +160,7 @@ impl DirectionalAsset {
         [self.encoded_mean(&scratch.stored), self.darkest(i, &colors)]
     }
 
-    /// What surfel `i` mirrors towards each node, into `scratch.glossy`: `[Q]`, or empty where that is nothing.
+    /// Evaluates the specular lobe of surfel `i` towards each node, into `scratch.glossy`: `[Q]`, or empty where that is nothing.
     fn reflect(
         &self,
         i: usize,
@@ -244,7 +244,7 @@ impl DirectionalTransfer {
         Self::prepared(asset, source, settings, &no_progress)
     }
 
-    /// The same, with word of how far it is.
+    /// Prepares a transfer, with progress.
     ///
     /// # Errors
     /// As [`DirectionalTransfer::new`], and [`crate::error::Error::Cancelled`] when `progress` asked for it.
@@ -326,7 +326,7 @@ impl DirectionalTransfer {
         })
     }
 
-    /// What some of its surfels are without the others, given what they see then: how they were lit is known from where they were captured,
+    /// Transfer of some of its surfels without the others, given what they see then: their capture light is known from where they were captured,
     /// among the others.
     pub fn part(&self, bake: Arc<DirectionalBake>, surfels: &[usize]) -> Self {
         let gloss = rows_of(&self.gloss, 1, surfels);
@@ -346,25 +346,6 @@ impl DirectionalTransfer {
             encoded_mean: rows_of(&self.encoded_mean, 1, surfels),
             ..*self
         }
-    }
-
-    /// Divisor and colours in half precision, those that are not kept in sixteen bits as it is.
-    pub(super) fn rounded_to_half(&self) -> Self {
-        let mut rounded = self.clone();
-        // What is rounded shall be what is used.
-        rounded.darkest.fill([f32::NAN; 3]);
-        for sides in &mut rounded.divisor {
-            round_to_half(sides);
-        }
-        let all = (0..self.asset.bake.len()).map(|_| true);
-        rounded.matte = MatteColors::for_those(all, self.asset.nodes.count());
-        let mut read = Vec::new();
-        for (i, row) in rounded.matte.rows_mut().into_iter().flatten().enumerate() {
-            row.store(self.matte_of(i, &mut read).to_mut());
-        }
-        rounded.matte.kept.change_whole(round_to_half);
-        rounded.residual.change_whole(round_to_half);
-        rounded
     }
 
     /// Colour of surfel `i` at the nodes that gloss does not explain, `[Q]`; by way of `read`, which holds nothing else.
@@ -419,7 +400,7 @@ impl DirectionalTransfer {
         }
     }
 
-    /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
+    /// Change of the diffuse light on each side: a fixed point, since what one surfel gains lights others. `[n]`
     fn bounce(&self, light: &Incident<'_>) -> Vec<FrontAndBack> {
         let asset = &*self.asset;
         let mut tau = vec![[self.mean_ratio(light.mean); 2]; asset.bake.len()];
@@ -455,7 +436,7 @@ impl DirectionalTransfer {
         });
     }
 
-    /// How much the matte light of surfel `i` changes in that irradiance.
+    /// Change of the diffuse light of surfel `i` in that irradiance.
     fn change(&self, i: usize, irradiance: FrontAndBack) -> FrontAndBack {
         let [front, back]: FrontAndBack = std::array::from_fn(|s| {
             std::array::from_fn(|c| irradiance[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE))
@@ -466,7 +447,7 @@ impl DirectionalTransfer {
         sides.map(|side| side.map(|t| t + glow * (1.0 - t)))
     }
 
-    /// How much of a surfel's matte colour is its own light, 0 to 1.
+    /// Share of emission in a surfel's diffuse colour, 0 to 1.
     pub fn glow_of(&self, i: usize) -> f32 {
         self.glow.get(i).copied().unwrap_or(0.0)
     }
@@ -486,7 +467,7 @@ impl DirectionalTransfer {
         }
     }
 
-    /// What a change is multiplied by beside its power, so that what is told of a light counts in full, against what was told of the source.
+    /// Factor of a change beside its power, so that a light's user-set gain counts in full against the source's.
     pub fn undamped(&self, told_gain: [f32; 3]) -> [f32; 3] {
         std::array::from_fn(|c| {
             let told = told_gain[c] / self.told_gain[c].max(f32::MIN_POSITIVE);
@@ -494,7 +475,7 @@ impl DirectionalTransfer {
         })
     }
 
-    /// What it keeps of matte surfels.
+    /// Diffuse surfels, as they are kept.
     fn matte(&self, part: Part) -> Matte<'_> {
         let Terms {
             residual,
@@ -566,7 +547,7 @@ impl DirectionalTransfer {
         }
     }
 
-    /// What changes of a two-sided surfel's colour because its back has a light of its own.
+    /// Adds the change of a two-sided surfel's colour because its back has a light of its own.
     fn add_back(
         &self,
         i: usize,
@@ -610,7 +591,7 @@ impl DirectionalTransfer {
     }
 }
 
-/// What each channel of a light lacks of the least that tells anything, as a share of its mean.
+/// Fill of each channel of a light up to the least that explains anything, as a share of its mean.
 fn fill_of(light: &Beams) -> [f32; 3] {
     let mean = light.mean_irradiance();
     light

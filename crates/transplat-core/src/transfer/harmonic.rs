@@ -9,11 +9,10 @@ use std::f32::consts::PI;
 use std::sync::Arc;
 
 use glam::Vec3;
-use half::f16;
 use rayon::prelude::*;
 
 use super::materials::{Material, Materials};
-use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_off};
+use super::relit::{Part, Relight, Relit, empty_bytes, switched_off};
 use crate::bake::harmonic::HarmonicBake;
 use crate::color::{Encoding, decode_sh};
 use crate::environment::{Illumination, IncidentRadiance};
@@ -37,7 +36,7 @@ const MAX_RELATIVE_LIGHT: f32 = 1e12;
 /// The attenuation when that term is off: a mirror under a source of mean radiance 1, in units of its mean irradiance.
 pub const UNATTENUATED: f32 = PI;
 
-/// What the GPU pass and the CPU kernel share: everything of asset and source light that a change of target does not touch.
+/// Inputs of the GPU pass and the CPU kernel: everything of splat and source light that a change of target does not touch.
 #[derive(Clone, Debug)]
 pub struct HarmonicTransfer {
     /// Settings it was prepared with.
@@ -60,20 +59,20 @@ pub struct HarmonicTransfer {
     pub dc_over_irradiance: Vec<[f32; 3]>,
     /// Attenuation `A_l` (paper eq. 9) of bands 1 to `specular_degree`, per channel. `[n][specular_degree][3]`
     pub attenuation: Vec<[f32; 3]>,
-    /// What target lights are multiplied by: 1 over the source's mean irradiance.
+    /// Factor of target lights: 1 over the source's mean irradiance.
     pub light_gain: f32,
-    /// Whether the source was black, and even light was taken in its place.
+    /// True where the source was black, and even light was taken in its place.
     pub source_was_black: bool,
     /// Share of surfels whose source irradiance is below epsilon in some channel: their ratio is epsilon's, not the light's.
     pub dark_share: f32,
     /// Linear DC of the asset `[n][3]`, to tell the ratio tau.
     pub dc: Vec<[f32; 3]>,
-    /// Whether the source on a surfel is darker than epsilon, `[n]`.
+    /// True where the source on a surfel is darker than epsilon, `[n]`.
     dark: Vec<bool>,
     blocks: Vec<Block>,
 }
 
-/// What of an asset's preparation no light changes: kept between changes of the source and of the settings.
+/// Part of a preparation that no light changes: kept between changes of the source and of the settings.
 #[derive(Clone, Debug)]
 pub struct HarmonicAsset {
     /// Linear radiance SH `[n][K][3]`.
@@ -206,18 +205,7 @@ impl HarmonicTransfer {
         HarmonicAsset::new(cloud).prepare(cloud, visibility, 0, source, settings)
     }
 
-    /// Visibility, attenuation and colour in half precision.
-    pub(super) fn rounded_to_half(&self) -> Self {
-        let mut rounded = self.clone();
-        let round = |v: &f32| f16::from_f32(*v).to_f32();
-        rounded.visibility = Arc::new(self.visibility.iter().map(round).collect());
-        round_to_half(&mut rounded.dc_over_irradiance);
-        round_to_half(&mut rounded.attenuation);
-        rounded.make_blocks();
-        rounded
-    }
-
-    /// The same under targets that are shadowed as another bake says, whose first surfels are these.
+    /// Transfer under targets that are shadowed by another bake, whose first surfels are these.
     pub(super) fn shadowed_as(&self, bake: &HarmonicBake) -> Self {
         let mut shadowed = self.clone();
         if self.settings.terms.shadow {
@@ -357,7 +345,7 @@ impl Relight for HarmonicTransfer {
         Ok(self.relight_seen(target, Part::Whole, &[])?.tau)
     }
 
-    /// Of the matte part; gloss is not told apart.
+    /// Materials of the diffuse part; this method does not separate the specular lobe.
     fn materials(&self, whitest: Option<f32>) -> Materials {
         let per_dc = PI * self.light_gain / SQRT_4PI as f32;
         let each = self.dc_over_irradiance.iter().zip(&self.normals);
@@ -466,13 +454,6 @@ impl Relight for HarmonicTransfer {
             + size_of_val(&self.dc_over_irradiance[..])
             + size_of_val(&self.attenuation[..])
     }
-
-    fn bytes_saved_by_half(&self) -> usize {
-        let rounded = size_of_val(&self.visibility[..])
-            + size_of_val(&self.dc_over_irradiance[..])
-            + size_of_val(&self.attenuation[..]);
-        rounded / 2
-    }
 }
 
 /// The transfer ratio tau (paper eq. 5) of each surfel: its relit DC over the captured one.
@@ -537,7 +518,7 @@ fn explained_degree(source: &IncidentRadiance, settings: &TransferSettings) -> u
         .unwrap_or(0)
 }
 
-/// Whether a band of the source, with its norm in units of the source's mean irradiance, says anything of the asset's gloss.
+/// True where a band of the source, with its norm in units of the source's mean irradiance, explains the splat's specular lobe.
 ///
 /// Below epsilon it does not: eq. 9 would divide the asset's view dependence by epsilon alone, and turn it into chrome (an even
 /// light has no such band at all). The paper is silent on this; here such a band transfers nothing.

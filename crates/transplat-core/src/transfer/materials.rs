@@ -15,8 +15,8 @@ pub const WHITEST_ALBEDO: f64 = 0.65;
 /// Share of what is seen whose albedo is below the whitest one, so that a little that is odd does not count.
 pub(crate) const WHITEST: f32 = 0.95;
 
-/// What a surfel is made of, as metallic-roughness shading takes it (Burley 2012): it scatters its base colour where it is no metal, and mirrors that where
-/// it is one.
+/// Material of a surfel for metallic-roughness shading (Burley 2012): it scatters its base colour where it is no metal, and mirrors that where it is
+/// one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
     /// Unit normal of the surface, out of its front.
@@ -27,9 +27,9 @@ pub struct Material {
     pub metallic: f32,
     /// 0 to 1, the square root of alpha in GGX; 1 where no gloss shows.
     pub roughness: f32,
-    /// What is mirrored along the normal, linear, 0 to 1; 0 where no gloss shows.
+    /// Reflectance along the normal, linear, 0 to 1; 0 without a specular lobe.
     pub reflectance: [f32; 3],
-    /// How much of its colour is its own light, 0 to 1.
+    /// Share of its colour that is emission, 0 to 1.
     pub glow: f32,
     /// Radiance that is its own, linear, in the unit of the capture's pictures.
     pub emission: [f32; 3],
@@ -42,7 +42,7 @@ pub struct Materials {
     pub each: Vec<Material>,
     /// The whitest albedo as pictures and light tell it: nobody knows how one is exposed against the other.
     pub whitest: f32,
-    /// What all albedos and reflectances were multiplied by: the radiance of the even light under which the open surface radiates its albedo.
+    /// Factor of all albedos and reflectances: the radiance of the even light under which the open surface radiates its albedo.
     pub gain: f32,
 }
 
@@ -90,7 +90,7 @@ impl Materials {
         }
     }
 
-    /// Those of several assets, one after the other: each as plausible as it is alone, what is told of all being the first one's.
+    /// Joins materials of several splats: each as plausible as it is alone, the figures for all being the first one's.
     pub(super) fn together(each: impl Iterator<Item = Self>) -> Self {
         each.reduce(|mut all, one| {
             all.each.extend(one.each);
@@ -99,7 +99,7 @@ impl Materials {
         .expect("at least one object")
     }
 
-    /// The same of assets that are turned.
+    /// Materials of a rotated splat.
     pub(crate) fn turned(mut self, turn: Quat) -> Self {
         for material in &mut self.each {
             material.normal = turn * material.normal;
@@ -107,20 +107,20 @@ impl Materials {
         self
     }
 
-    /// What each surfel shows without light but its own: its base colour, and what shines. Linear. `[n]`
+    /// Colour of each surfel without light but its own: base colour and emission. Linear. `[n]`
     fn shown(&self) -> impl Iterator<Item = [f32; 3]> {
         let shown =
             |m: &Material| std::array::from_fn(|c| (m.base_color[c] + m.emission[c]).min(1.0));
         self.each.iter().map(shown)
     }
 
-    /// The same as a splat of degree 0 stores it. `[n]`
+    /// Colours as a splat of degree 0 stores them. `[n]`
     pub fn stored(&self, encoding: Encoding) -> Vec<[f32; 3]> {
         let stored = |v| encoding.encode(v) * SQRT_4PI as f32;
         self.shown().map(|color| color.map(stored)).collect()
     }
 
-    /// The same for display. `[n]`
+    /// Colours for display. `[n]`
     pub fn colors(&self) -> Vec<[f32; 3]> {
         self.shown().map(|color| color.map(srgb_encode)).collect()
     }

@@ -1,7 +1,6 @@
 //! What a transfer is asked, and what it yields.
 
 use glam::{DMat3, Quat};
-use half::f16;
 
 use super::materials::Materials;
 use crate::color::{Encoding, decode_sh, encode_sh};
@@ -23,7 +22,7 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
         self.relight_after(None, target, part, unseen)
     }
 
-    /// The same into the memory of a result that is not needed any more.
+    /// Relights into the memory of a result that is not needed any more.
     ///
     /// # Errors
     /// The light was not read for the method.
@@ -35,7 +34,7 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
         unseen: &[bool],
     ) -> Result<Relit>;
 
-    /// The same to be kept and drawn, the colour of very many surfels in sixteen bits a number.
+    /// Relights to be kept and drawn, the colour of very many surfels in sixteen bits a number.
     ///
     /// # Errors
     /// The light was not read for the method.
@@ -48,7 +47,7 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
         self.relight_seen(target, part, unseen).map(RelitRows::of)
     }
 
-    /// The same for each object of a scene, in its own coordinates; a single one is a scene of one.
+    /// Relights each object of a scene, in its own coordinates; a single one is a scene of one.
     ///
     /// # Errors
     /// The light was not read for the method.
@@ -61,7 +60,7 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
         Ok(vec![self.relight_seen(target, part, unseen)?])
     }
 
-    /// What of the colour a transfer computes where a part of it is to be shown.
+    /// Part of the colour that a transfer computes to show another.
     fn computed_part(&self, shown: Part) -> Part;
 
     /// By how much each surfel's colour changes under a light, gloss apart. `[n]`
@@ -70,7 +69,7 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
     /// The light was not read for the method.
     fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>>;
 
-    /// The same, nearly and soon, for what is shown while the light changes; none where nothing is quicker than a relight. `[n]`
+    /// Relights coarsely, for what is shown while the light changes; none where nothing is quicker than a relight. `[n]`
     ///
     /// # Errors
     /// The light was not read for the method.
@@ -78,56 +77,52 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
         Ok(None)
     }
 
-    /// What the surfels are made of, as the light of the capture and its pictures tell; `whitest` is the albedo that the whitest of them has, if
-    /// that is known.
+    /// Materials of the surfels, from capture light and images; `whitest` is the albedo of the whitest of them, if that is known.
     fn materials(&self, whitest: Option<f32>) -> Materials;
 
-    /// What target lights are multiplied by: 1 over the source's mean irradiance.
+    /// Factor of target lights: 1 over the source's mean irradiance.
     fn light_gain(&self) -> f32;
 
-    /// Whether the source was black, and even light was taken in its place.
+    /// True where the source was black, and even light was taken in its place.
     fn source_was_black(&self) -> bool;
 
     /// Bytes that a change of light reads, beside the asset's own colour.
     fn bytes(&self) -> usize;
 
-    /// How many of its [`Self::bytes`] half precision saves.
-    fn bytes_saved_by_half(&self) -> usize;
-
-    /// What is left out whatever the light; `cloud` is the asset that was prepared.
+    /// Work that is skipped whatever the light; `cloud` is the splat that was prepared.
     fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped>;
 
-    /// What is left out for a light, beside that; the GPU works on all channels at once, and gains nothing by a grey one.
+    /// Work that is skipped for a light, beside that; the GPU works on all channels at once, and gains nothing by a grey one.
     fn left_out_for(&self, light: &Illumination, on_gpu: bool) -> Option<Skipped>;
 
-    /// How much of what surfel `i`'s colour is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
+    /// Share of epsilon in the divisor of surfel `i`'s colour, 0 to 1, the mean of the channels.
     fn epsilon_share(&self, i: usize) -> f32;
 
-    /// How many times surfel `i`'s colour is multiplied under a target of the source's strength that shines on it with its mean irradiance,
-    /// the worst channel: noise and error in the capture grow as much.
+    /// Factor of surfel `i`'s colour under a target of the source's strength that shines on it with its mean irradiance, the worst channel: noise and
+    /// error in the capture grow as much.
     fn amplification(&self, i: usize) -> f32;
 
-    /// Whether the source on surfel `i` is darker than epsilon in some channel: its change is epsilon's, not the light's.
+    /// True where the source on surfel `i` is darker than epsilon in some channel: its change is epsilon's, not the light's.
     fn is_dark(&self, i: usize) -> bool;
 
     /// Share of surfels that are dark.
     fn dark_share(&self) -> f32;
 }
 
-/// What of a relit colour is wanted.
+/// Part of a relit colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Part {
     /// All of it.
     #[default]
     Whole,
-    /// What is scattered: band 0 under the harmonic method, what is not gloss under the directional one.
+    /// Diffuse part: band 0 under the harmonic method, all but the lobe under the directional one.
     Diffuse,
-    /// What is mirrored: the other bands under the harmonic method, the lobe under the directional one.
+    /// Specular part: the other bands under the harmonic method, the lobe under the directional one.
     Specular,
 }
 
 impl Part {
-    /// Which of `k` coefficients the harmonic method has it in.
+    /// Coefficients, of `k`, that the harmonic method has it in.
     pub fn coefficients(self, k: usize) -> std::ops::Range<usize> {
         match self {
             Self::Whole => 0..k,
@@ -144,7 +139,7 @@ pub struct Relit {
     pub sh: Vec<[f32; 3]>,
     /// Degree of the colour: the asset's, or less where its upper bands would be empty.
     pub degree: usize,
-    /// How that is to be read.
+    /// Encoding of the coefficients.
     pub encoding: Encoding,
     /// By how much what is not gloss has changed (paper eq. 5). `[n]`
     pub tau: Vec<[f32; 3]>,
@@ -157,7 +152,7 @@ pub struct RelitRows {
     pub sh: ColorRows,
     /// As that of [`Relit`].
     pub degree: usize,
-    /// How that is to be read.
+    /// Encoding of the coefficients.
     pub encoding: Encoding,
     /// As that of [`Relit`]. `[n]`
     pub tau: Vec<[f32; 3]>,
@@ -183,7 +178,7 @@ impl RelitRows {
         }
     }
 
-    /// What was relit into whole rows.
+    /// Relit colour that is kept in full precision.
     pub(super) fn into_whole(self) -> Relit {
         Relit {
             sh: self.sh.into_values(),
@@ -195,7 +190,7 @@ impl RelitRows {
 }
 
 impl Relit {
-    /// The same in linear light.
+    /// Colour in linear light.
     pub fn linear(self) -> Self {
         if self.encoding == Encoding::Linear {
             return self;
@@ -207,7 +202,7 @@ impl Relit {
         }
     }
 
-    /// The same with all bands up to a degree.
+    /// Colour with all bands up to a degree.
     pub fn of_degree(self, degree: usize) -> Self {
         Self {
             sh: with_degree(self.sh, self.degree, degree),
@@ -216,7 +211,7 @@ impl Relit {
         }
     }
 
-    /// The same of an asset that is turned.
+    /// Colour of a rotated splat.
     pub fn turned(mut self, turn: Quat) -> Self {
         if turn != Quat::IDENTITY {
             let turn = DMat3::from_quat(turn.as_dquat());
@@ -268,12 +263,3 @@ pub(super) fn switched_off(settings: &TransferSettings) -> Vec<Skipped> {
 pub(super) fn empty_bytes(n: usize, degree: usize, filled: usize) -> usize {
     12 * n * (coefficient_count(degree) - coefficient_count(filled))
 }
-
-/// Rounds to half precision, in place; beyond its range to its largest number.
-pub(super) fn round_to_half(values: &mut [[f32; 3]]) {
-    for v in values.iter_mut().flatten() {
-        *v = f16::from_f32(v.clamp(-HALF_MAX, HALF_MAX)).to_f32();
-    }
-}
-
-const HALF_MAX: f32 = 65504.0;

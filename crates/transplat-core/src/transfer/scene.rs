@@ -25,7 +25,7 @@ pub struct SceneTransfer {
     pub objects: Vec<Arc<DirectionalTransfer>>,
     /// Where they stand, and what they see of each other.
     pub bake: Arc<SceneBake>,
-    /// What bounces to each object's surfels in the first turn of the fixed point: of a light only its mean counts. See [`Self::first_turn`].
+    /// Bounced light on each object's surfels in the first turn of the fixed point: of a light only its mean counts. See [`Self::first_turn`].
     first_turn: OnceLock<Vec<Vec<FrontAndBack>>>,
 }
 
@@ -33,15 +33,15 @@ pub struct SceneTransfer {
 struct Bounced<'a> {
     /// As each of them meets it.
     lights: Vec<Incident<'a>>,
-    /// How much the matte light changes on each object's surfels.
+    /// Change of the diffuse light on each object's surfels.
     taus: Vec<Vec<FrontAndBack>>,
-    /// What all surfels of the scene radiate. `[n]`
+    /// Radiance of all surfels of the scene. `[n]`
     radiance: Vec<Radiance>,
 }
 
 impl SceneTransfer {
-    /// What one of them radiates shines on those of other captures as strongly as it shows in its own picture: pictures and lights share a unit,
-    /// as those of a renderer do.
+    /// Joint relight of a scene. The radiance of one object shines on those of other captures as strongly as it shows in its own images: images and
+    /// lights share a unit, as those of a renderer do.
     pub fn new(objects: Vec<Arc<DirectionalTransfer>>, bake: Arc<SceneBake>) -> Self {
         Self {
             objects,
@@ -59,7 +59,7 @@ impl SceneTransfer {
         Ok(Self::new(vec![self.objects[0].clone()], Arc::new(bake)))
     }
 
-    /// How much the matte light changes on each surfel: one fixed point over all objects, since what one gains lights others.
+    /// Change of the diffuse light on each surfel: one fixed point over all objects, since what one gains lights others.
     fn bounce(&self, target: &Illumination) -> Result<Bounced<'_>> {
         let (lights, mut taus): (Vec<_>, Vec<_>) = (0..self.objects.len())
             .into_par_iter()
@@ -98,7 +98,7 @@ impl SceneTransfer {
         })
     }
 
-    /// What bounces to each object's surfels in the first turn, for each unit of the first object's mean irradiance.
+    /// Bounced light on each object's surfels in the first turn, for each unit of the first object's mean irradiance.
     fn first_turn(&self, lights: &[Incident<'_>]) -> &[Vec<FrontAndBack>] {
         self.first_turn.get_or_init(|| {
             let unit = f64::from(self.objects[0].light_gain);
@@ -121,7 +121,7 @@ impl SceneTransfer {
         })
     }
 
-    /// What all surfels of the scene radiate, `[n]`, into `all`.
+    /// Writes the radiance of all surfels of the scene, `[n]`, into `all`.
     fn radiate(&self, taus: &[Vec<FrontAndBack>], all: &mut Vec<Radiance>) {
         all.clear();
         all.reserve(self.bake.normals.len());
@@ -130,7 +130,7 @@ impl SceneTransfer {
         }
     }
 
-    /// How the others shine on one of the objects, in the unit of its captured colour.
+    /// Light of the other objects on one of them, in the unit of its captured colour.
     fn others_of(&self, which: usize) -> Option<Others> {
         let placed = &self.bake.objects;
         let is_of_its_capture = |other: &usize| placed[which].is_of_capture_of(&placed[*other]);
@@ -146,7 +146,7 @@ impl SceneTransfer {
         })
     }
 
-    /// What the objects' results are as one asset's.
+    /// Joins the objects' results into one splat's.
     pub fn composed(&self, relit: Vec<Relit>) -> Relit {
         let is_one_encoding = relit.iter().all(|r| r.encoding == relit[0].encoding);
         let degree = relit.iter().map(|r| r.degree).max().unwrap_or_default();
@@ -160,12 +160,6 @@ impl SceneTransfer {
         };
         let each = relit.into_iter().zip(&self.bake.objects).map(turned);
         Relit::together(each).expect("at least one object")
-    }
-
-    /// Its objects with all that they hold in half precision.
-    pub(super) fn rounded_to_half(&self) -> Self {
-        let rounded = self.objects.iter().map(|o| Arc::new(o.rounded_to_half()));
-        Self::new(rounded.collect(), self.bake.clone())
     }
 
     fn of_surfel<T>(&self, i: usize, of: impl Fn(&DirectionalTransfer, usize) -> T) -> T {
@@ -250,10 +244,6 @@ impl Relight for SceneTransfer {
 
     fn bytes(&self) -> usize {
         self.objects.iter().map(|o| o.bytes()).sum()
-    }
-
-    fn bytes_saved_by_half(&self) -> usize {
-        self.objects.iter().map(|o| o.bytes_saved_by_half()).sum()
     }
 
     fn epsilon_share(&self, i: usize) -> f32 {

@@ -8,17 +8,17 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Bytes before the driver's own: what tells whether those are as they were written.
 const HASH_BYTES: usize = size_of::<u64>();
 
-/// What a driver made of pipelines, and the file that it is kept in.
+/// Pipelines that a driver compiled, and the file that they are cached in.
 #[derive(Debug)]
 pub(super) struct KeptPipelines {
     cache: wgpu::PipelineCache,
     file: PathBuf,
-    /// Of what was read.
+    /// Bytes that were read.
     length: usize,
 }
 
 impl KeptPipelines {
-    /// Those of an adapter in a folder; none where its driver hands none out.
+    /// Reads the cache of an adapter in a folder; none where its driver hands none out.
     #[allow(unsafe_code)]
     pub fn read(adapter: &wgpu::Adapter, device: &wgpu::Device, folder: &Path) -> Option<Self> {
         if !device.features().contains(wgpu::Features::PIPELINE_CACHE) {
@@ -88,7 +88,7 @@ fn packed(data: Vec<u8>) -> Vec<u8> {
     [&hash_of(&data)[..], &data].concat()
 }
 
-/// What was packed; none where it was changed since.
+/// Unpacks a cache file; none where it was changed since.
 fn unpacked(bytes: Vec<u8>) -> Option<Vec<u8>> {
     let (hash, data) = bytes.split_at_checked(HASH_BYTES)?;
     (hash == hash_of(data)).then(|| data.to_vec())

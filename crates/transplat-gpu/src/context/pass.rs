@@ -29,11 +29,11 @@ pub(crate) type ComputePass = Pass<wgpu::ComputePipeline>;
 /// Its vertices are made by `corner`.
 pub(crate) type RenderPass = Pass<wgpu::RenderPipeline>;
 
-/// What a pass draws.
+/// Vertices that a pass draws.
 pub(crate) enum Draws<'a> {
     /// Vertices of instances.
     Direct(Range<u32>, Range<u32>),
-    /// What a buffer says.
+    /// Count from a buffer.
     Indirect(&'a wgpu::Buffer),
 }
 

@@ -11,7 +11,7 @@ use super::paint::Paint;
 use crate::context::Context;
 use crate::rasterize::Target;
 
-/// What moves is not drawn with fewer surfels than that, if there are as many: they take a few hundredths of a second.
+/// Least surfels of a moving picture, if there are as many: they take a few hundredths of a second.
 const LEAST_DRAWN: usize = 125_000;
 
 /// Pictures drawn by the CPU.
@@ -35,7 +35,7 @@ impl CpuCanvas {
         }
     }
 
-    /// How many surfels are on the screen.
+    /// Surfels on the screen.
     pub fn seen(&self) -> usize {
         self.rasterizer.seen()
     }

@@ -6,7 +6,7 @@ use glam::Affine3A;
 
 use crate::present::Presentation;
 
-/// How often each stage ran.
+/// Counts of GPU passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Passes {
     /// Transfers to another light.
@@ -25,12 +25,12 @@ pub struct Passes {
     pub backdrop: usize,
 }
 
-/// How an object stands in the scene.
+/// Place of an object in the scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Placement {
     /// From its coordinates to the scene's: scaled by one factor, turned, moved.
     pub scene_from_object: Affine3A,
-    /// Whether it is drawn.
+    /// True where it is drawn.
     pub shown: bool,
     /// Its surfels that are not drawn, `[n]` or empty.
     pub hidden: Arc<Vec<bool>>,
@@ -38,17 +38,17 @@ pub struct Placement {
     pub hidden_version: u64,
 }
 
-/// What is asked of a frame.
+/// Settings of a frame.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Everything that is not the surfels' own colour.
     pub presentation: Presentation,
-    /// Whether the left side of a comparison is the pinned look instead of the capture.
+    /// True where the left side of a comparison is the pinned look instead of the capture.
     pub against_pinned: bool,
-    /// Whether marks are laid over the surfels.
+    /// True where marks are laid over the surfels.
     pub marks: bool,
     /// By how much the edges of the picture are shorter than the screen's, while something moves: 1 is all pixels.
     pub pixel_step: usize,
-    /// How the objects stand in the scene.
+    /// Places of the objects in the scene.
     pub objects: Vec<Placement>,
 }

@@ -8,7 +8,7 @@ use crate::context::Context;
 use crate::rasterize::order::Sorter;
 use crate::rasterize::{Canvas, Layer, Order, Target};
 
-/// What all objects share, and the order of their surfels.
+/// Buffers that all objects share, and the order of their surfels.
 #[derive(Default)]
 pub(super) struct GpuCanvas {
     shared: Option<(Canvas, Sorter)>,
@@ -18,7 +18,7 @@ pub(super) struct GpuCanvas {
 }
 
 impl GpuCanvas {
-    /// How many surfels are shown.
+    /// Surfels that are shown.
     pub fn shown(&self) -> usize {
         self.hidden.get().map_or(0, |shown| *shown)
     }
@@ -114,7 +114,7 @@ impl GpuCanvas {
     }
 }
 
-/// Which surfels are not drawn, `[n]` of all objects or empty.
+/// Surfels that are not drawn, `[n]` of all objects or empty.
 fn hidden(objects: &[Option<LiveObject>], frame: &Frame) -> Vec<bool> {
     let each = placed(objects, frame);
     let mut placements = each.clone().map(|(_, p)| p);

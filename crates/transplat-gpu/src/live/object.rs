@@ -28,7 +28,7 @@ pub enum Drawing {
 }
 
 impl Drawing {
-    /// What is fast with an adapter: one that computes on the CPU draws far slower than that can.
+    /// Drawing that is fastest with an adapter: a software driver draws far slower than the CPU rasterizer.
     pub fn fastest(context: &Context) -> Self {
         if context.is_software() {
             Self::Cpu
@@ -50,7 +50,7 @@ impl Drawing {
 pub struct LiveAsset {
     pub(super) cloud: Arc<SurfelCloud>,
     pub(super) bounds: Bounds,
-    /// Of its colour, empty bands left out.
+    /// SH degree of its colour, empty bands left out.
     degree: usize,
     /// None where the CPU draws, which takes the surfels as they are.
     pub(super) on_gpu: Option<AssetOnGpu>,
@@ -94,14 +94,14 @@ impl AssetOnGpu {
     }
 }
 
-/// What was relit on the CPU, where it is drawn; made on any thread.
+/// Colour that was relit on the CPU, where it is drawn; made on any thread.
 #[derive(Clone)]
 pub enum LiveSh {
     /// Uploaded.
     Gpu(ResidentSh),
     /// As it is.
     Cpu(Arc<RelitRows>),
-    /// What was captured, its light multiplied by that, `[n]`: drawn by the CPU alone.
+    /// Captured colour times a factor by surfel, `[n]`: drawn by the CPU alone.
     Coarse(Arc<Vec<[f32; 3]>>),
 }
 
@@ -155,7 +155,7 @@ impl LiveSh {
     }
 }
 
-/// What one side of a comparison is painted with.
+/// Paint of one side of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum SidePaint {
     Stored,
@@ -170,7 +170,7 @@ pub(super) enum SidePaint {
     White,
 }
 
-/// What an object looks like on a side, besides the camera's rotation and the order, which redraw it anyway.
+/// Inputs of an object's colours on a side, besides the camera's rotation and the order, which redraw it anyway.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ShadeKey {
     pub object: u64,
@@ -313,7 +313,7 @@ impl LiveObject {
         self.scale() * depth_unit(&self.asset.bounds, camera)
     }
 
-    /// What 1 in its unit is in the scene's.
+    /// Length of its unit in the scene's.
     pub fn scale(&self) -> f32 {
         self.scene_from_object.to_scale_rotation_translation().0.x
     }
@@ -328,7 +328,7 @@ impl LiveObject {
         }
     }
 
-    /// What is laid over the colours.
+    /// Marks that are laid over the colours.
     fn marks(&self, key: &ShadeKey) -> Option<&Marks> {
         let doubts = self.doubts.value.as_ref().filter(|_| key.marks.is_some());
         doubts.map(|doubts| &doubts.marks)
@@ -362,7 +362,7 @@ impl LiveObject {
         }
     }
 
-    /// What colours the surfels on the CPU.
+    /// Colours of the surfels on the CPU.
     pub fn paint<'a>(&'a self, camera: &Camera, key: &ShadeKey) -> Paint<'a> {
         let cloud = &*self.asset.cloud;
         let shading = |sh: Functions<'a>, [degree, filled]: [usize; 2], encoding| Shading {
@@ -410,7 +410,7 @@ impl LiveObject {
     }
 }
 
-/// Those of the objects that are there, with how they stand.
+/// Objects that are there, with their places.
 pub(super) fn placed<'a>(
     objects: &'a [Option<LiveObject>],
     frame: &'a Frame,
@@ -419,7 +419,7 @@ pub(super) fn placed<'a>(
     each.filter_map(|(object, placement)| Some((object.as_ref()?, placement)))
 }
 
-/// Whether and what of each object is shown.
+/// Visibility and version of each object.
 pub(super) type ShownObjects = Vec<(bool, u64)>;
 
 pub(super) fn shown(objects: &[Option<LiveObject>], frame: &Frame) -> ShownObjects {

@@ -5,7 +5,7 @@ use transplat_core::present::normal_color;
 use transplat_core::rasterize::Shading;
 use transplat_core::surfels::SurfelCloud;
 
-/// What an object's surfels are coloured with.
+/// Colours of an object's surfels.
 pub(super) struct Paint<'a> {
     pub color: Color<'a>,
     /// Over the colours, as much of them as their fourth number says, `[n]`.

@@ -11,12 +11,12 @@ use crate::context::{ComputePass, Context, Result};
 use crate::layout::gpu_struct;
 use crate::shader::{self, DIGIT_BITS, SORT_KEYS, SORT_WORKGROUP};
 
-/// Of a key: a positive float has no sign.
+/// Bits of a key: a positive float has no sign.
 const KEY_BITS: usize = 31;
 
 gpu_struct! {
     in "rasterize_order";
-    /// What a round of the sort works on.
+    /// Parameters of a round of the sort.
     struct OrderParameters {
         count: u32,
         blocks: u32,
@@ -29,16 +29,16 @@ gpu_struct! {
 /// Surfels in the order in which they are drawn, farthest first.
 #[derive(Clone, Debug)]
 pub struct Order {
-    /// What orders each, and which it is.
+    /// Key and index of each surfel.
     pub(super) surfels: wgpu::Buffer,
     pub(super) drawn: Drawn,
 }
 
-/// How many surfels are drawn.
+/// Count of surfels that are drawn.
 #[derive(Clone, Debug)]
 pub(super) enum Drawn {
     Count(usize),
-    /// What the adapter found, as an indirect draw takes it.
+    /// Count on the adapter, as an indirect draw takes it.
     Indirect(wgpu::Buffer),
 }
 
@@ -84,13 +84,13 @@ impl Passes {
 pub(crate) struct Sorter {
     count: usize,
     passes: Passes,
-    /// Which surfels are left out, a bit each.
+    /// Surfels that are left out, a bit each.
     hidden: wgpu::Buffer,
     /// Keys with their surfels: before the first round, and after the last.
     pairs: wgpu::Buffer,
-    /// What an indirect draw takes.
+    /// Arguments of an indirect draw.
     drawn: wgpu::Buffer,
-    /// Of each round, what its three passes are bound to.
+    /// Bind groups of each round's three passes.
     rounds: Vec<[wgpu::BindGroup; 3]>,
 }
 

@@ -5,7 +5,7 @@ use transplat_core::rasterize::Raster;
 
 use crate::context::{Context, Result};
 
-/// What is drawn into: premultiplied colour, and depth times alpha.
+/// Render target: premultiplied colour, and depth times alpha.
 #[derive(Clone, Debug)]
 pub struct Target {
     pub(crate) color: wgpu::Texture,

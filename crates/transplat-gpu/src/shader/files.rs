@@ -177,7 +177,7 @@ static TRACE: File = file!("shared/trace", |s| s
     .number("NEAREST_SCALES", NEAREST_SCALES)
     .number("STACK_SCALES", STACK_SCALES));
 
-/// What others import.
+/// Files that others import.
 static SHARED: [&File; 3] = [&COLOR, &SURFEL, &TRACE];
 
 impl File {

@@ -15,7 +15,7 @@ impl Source {
         self
     }
 
-    /// Whether something is so.
+    /// Defines a flag.
     pub fn flag(mut self, name: &str, value: bool) -> Self {
         self.constant(name, value);
         self

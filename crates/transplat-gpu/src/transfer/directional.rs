@@ -18,13 +18,13 @@ use crate::{CHUNK, shader};
 
 gpu_struct! {
     in "transfer_directional";
-    /// Which surfels a chunk has.
+    /// Range of surfels of a chunk.
     struct DirectionalChunk {
         count: u32,
         first: u32,
     }
 
-    /// What changes with the light.
+    /// Settings that change with the light.
     struct DirectionalSettings {
         least: [f32; 3],
         suns: u32,
@@ -50,7 +50,7 @@ gpu_struct! {
         unused_b: u32,
     }
 
-    /// What the transfer needs of a surfel besides its colours.
+    /// Inputs of a surfel besides its colours.
     struct DirectionalSurfel {
         normal: [f32; 3],
         two_sided: f32,
@@ -86,13 +86,13 @@ const EVERY_BINDING: usize = 128 << 20;
 /// Storage buffers of the pass that has the most of them.
 const MOST_BUFFERS: u32 = 8;
 
-/// What all chunks share.
+/// Buffers that all chunks share.
 struct Shared {
     settings: wgpu::Buffer,
     beams: wgpu::Buffer,
     directions: wgpu::Buffer,
     tables: wgpu::Buffer,
-    /// What each surfel radiates on its two sides, before a bounce and after it.
+    /// Radiance of each surfel's two sides, before a bounce and after it.
     radiance: [wgpu::Buffer; 2],
 }
 
@@ -121,7 +121,7 @@ impl GpuDirectional {
         Self::in_chunks(context, prepared, CHUNK)
     }
 
-    /// The same in chunks of that many surfels at most.
+    /// Uploads in chunks of that many surfels at most.
     ///
     /// # Errors
     /// As [`GpuDirectional::new`].
@@ -290,7 +290,7 @@ impl GpuDirectional {
         self.chunks.iter().map(|c| c.relit.clone()).collect()
     }
 
-    /// How much the matte light of each surfel's two sides changed: a vector a side, `[count][2]` of each chunk.
+    /// Change of the matte light of each surfel's two sides: a vector a side, `[count][2]` of each chunk.
     pub(crate) fn tau(&self) -> Vec<wgpu::Buffer> {
         self.chunks.iter().map(|c| c.tau.clone()).collect()
     }
@@ -379,7 +379,7 @@ struct Chunk {
     hits: wgpu::Buffer,
     matte: wgpu::Buffer,
     residual: wgpu::Buffer,
-    /// What the asset stores, where a surfel has two sides.
+    /// Stored colour, where a surfel has two sides.
     stored: wgpu::Buffer,
     irradiance: wgpu::Buffer,
     tau: wgpu::Buffer,

@@ -13,7 +13,7 @@ use crate::shader::{self, TransferShape};
 
 gpu_struct! {
     in "transfer_harmonic";
-    /// What the transfer needs of a surfel besides its visibility.
+    /// Inputs of a surfel besides its visibility.
     struct TransferSurfel {
         normal: [f32; 4],
         dc_over_irradiance: [f32; 4],

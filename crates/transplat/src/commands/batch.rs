@@ -38,7 +38,7 @@ const MOST_PICTURES: usize = 1_000_000;
 /// Folder in the output that bakes are kept in, for all parts.
 const BAKES: &str = "bakes";
 
-/// What the pictures in the output are drawn with.
+/// Name of the file with the settings that the output was drawn by.
 const SETTINGS: &str = "settings.json";
 
 /// The file.
@@ -49,7 +49,7 @@ struct Batch {
     /// Environments, or folders of them; with none, the splats as they were captured.
     #[serde(default)]
     lights: Vec<PathBuf>,
-    /// What the splats were captured under that do not say so themselves.
+    /// Capture light of splats without one of their own.
     source: Option<PathBuf>,
     /// A camera file.
     cameras: Option<PathBuf>,
@@ -77,7 +77,7 @@ struct Captured {
 /// A picture to be drawn.
 struct Picture {
     splat: usize,
-    /// Which of the lights; none as captured, or by the light of a look.
+    /// Index of the light; none as captured, or by the light of a look.
     light: Option<usize>,
     frame: usize,
 }
@@ -304,7 +304,7 @@ impl Batch {
         args.light.capture.look.as_ref().or(self.look.as_ref())
     }
 
-    /// Whether a look tells where it is seen from.
+    /// True where a look has a camera.
     fn has_camera(&self, splat: &Splat, args: &RenderArgs) -> Result<bool> {
         let look = match splat.is_look() {
             true => Some(splat.asset()),
@@ -316,7 +316,7 @@ impl Batch {
         })
     }
 
-    /// What draws a splat under some of the lights; what the command line says wins.
+    /// Arguments that draw a splat under some of the lights; the command line wins.
     fn arguments(&self, splat: &Splat, lit: Vec<PathBuf>, args: &RenderArgs) -> Result<RenderArgs> {
         let is_look = splat.is_look();
         // The objects of a scene tell theirs, and as captured nothing needs to be told.

@@ -540,7 +540,7 @@ pub fn read_map(
     Ok(map)
 }
 
-/// Whether a target lies in a folder on the command line.
+/// True for a target in a folder on the command line.
 fn is_of_folder(args: &LightArgs, path: &Path) -> bool {
     let mut folders = args.target.iter().filter(|t| t.is_dir());
     folders.any(|folder| path.starts_with(folder))
@@ -567,7 +567,7 @@ fn timed<T>(summary: &mut Summary, mut change: impl FnMut() -> Result<T>) -> Res
     Ok(changed)
 }
 
-/// How many surfels are about equally open on both sides.
+/// Number of surfels that are about equally open on both sides.
 pub fn two_sided(bake: &Bake) -> usize {
     (0..bake.len()).filter(|i| bake.is_two_sided(*i)).count()
 }

@@ -159,7 +159,7 @@ fn light_line((at, light): (usize, &Light)) -> String {
     said.join(", ")
 }
 
-/// What a look is of; how all of it is set, the JSON object has.
+/// Describes a look in a few lines; the JSON object has all of it.
 fn look(scene: &Scene, summary: &mut Summary, lines: &mut Vec<String>) {
     let count = scene.objects.len();
     let objects = if count == 1 { "object" } else { "objects" };

@@ -34,7 +34,7 @@ const OPEN: f64 = 0.01;
 /// Share of the light that may be clipped before it is worth a warning.
 const CLIPPED: f64 = 0.005;
 
-/// What is farther away than this many times the median surfel is sky.
+/// Distance from which on radiance is sky, in medians of the surfels' distances.
 const FAR: f32 = 6.0;
 
 pub fn run(args: &ProbeArgs) -> Result<()> {
@@ -171,14 +171,14 @@ pub struct Around {
     settings: EnvironmentLight,
 }
 
-/// What is told of the light beyond what the splat shows.
+/// Light beyond what the splat shows.
 #[derive(Default)]
 pub struct Lights<'a> {
     /// Where it is open.
     pub around: Option<&'a Around>,
-    /// What clipped radiance is multiplied by; 0 is none told.
+    /// Factor of clipped radiance; 0 where none is set.
     pub clipped_gain: f32,
-    /// What it is like.
+    /// Environment that clipped radiance is taken from.
     pub clipped_like: Option<&'a Around>,
 }
 
@@ -206,7 +206,7 @@ impl Around {
         Ok(Some(Self { map, settings }))
     }
 
-    /// What shines from a direction of the scene.
+    /// Radiance from a direction of the scene.
     fn radiance(&self, headless: &Headless) -> impl Fn(Vec3) -> [f32; 3] {
         let turn = self.settings.map_from_asset(headless.cloud.up).as_mat3();
         let gain = self.settings.gain();

@@ -193,7 +193,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     shots.as_captured(&targets, summary)
 }
 
-/// What is to be shown.
+/// View that is requested.
 ///
 /// # Errors
 /// The command line does not say enough.
@@ -223,7 +223,7 @@ fn view_asked(
     }
 }
 
-/// What is set of a picture, by a look and what the command line says over it.
+/// Settings of an image: those of a look, overridden by the command line.
 pub fn settings(args: &RenderArgs) -> Result<Scene> {
     let mut scene = look_of(&args.asset.options, Some(&args.light))?;
     put(&mut scene.view, args.view);
@@ -407,7 +407,7 @@ impl RenderRun<'_> {
         Ok(written)
     }
 
-    /// What the view shows of a relit result, and what is around it.
+    /// Lights a view by a relit result, with what is around.
     fn lit(&mut self, relit: Relit, by: (&PreparedTransfer, &Bake)) -> Result<Lit> {
         let (view, cloud) = (self.studio.view, &self.headless.cloud);
         let mut lit = Lit::of(view, relit, cloud, by.1, by.0);
@@ -452,7 +452,7 @@ impl RenderRun<'_> {
         Ok(count)
     }
 
-    /// The same picture for each target, but for its background and ground.
+    /// Draws the capture for each target, with its background and ground.
     fn as_captured(&mut self, targets: &[Target], summary: &mut Summary) -> Result<usize> {
         if targets.is_empty() {
             return self.take(None, &Lit::default(), summary);

@@ -1,20 +1,13 @@
 //! `transplat report`: error against run time, and methods and single terms against path-traced truth.
 
-mod extremes;
 mod insertion;
-mod page;
-mod skipped;
-mod tables;
-mod time;
-mod truth;
-mod unknown;
-mod variants;
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
+use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 use transplat_core::files::load_environment;
 use transplat_core::scene::{Scene, is_file};
 use transplat_core::settings::Method;
@@ -23,19 +16,20 @@ use crate::cli::{AssetArgs, ReportArgs, ReportPart, usage};
 use crate::commands::headless::Headless;
 use crate::commands::refuse_overwriting;
 use crate::commands::settings::look_of;
-use crate::ground_truth::TruthObject;
-use crate::ground_truth::insertion::TruthScene;
-use crate::ground_truth::views::{Views, light};
-use crate::summary::Summary;
-use crate::sweep::{self, Effort, Subject, Sweep};
+use crate::summary::{Summary, progress_bar};
 use transplat_engine::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use transplat_engine::device::Device;
 use transplat_engine::device::DeviceChoice;
 use transplat_engine::output::{make_folder, refuse_file};
+use transplat_eval::ground_truth::TruthObject;
+use transplat_eval::ground_truth::insertion::TruthScene;
+use transplat_eval::ground_truth::views::{Views, light};
+use transplat_eval::report::page::{Page, write};
+use transplat_eval::report::truth::{self, Comparison};
+use transplat_eval::report::{Measurement, extremes, skipped, time};
+use transplat_eval::sweep::Subject;
 
-use page::{Page, write};
-
-/// What the page is called, beside the tables.
+/// Name of the page, beside the tables.
 const PAGE: &str = "report.html";
 
 pub fn run(args: &ReportArgs) -> Result<()> {
@@ -86,6 +80,22 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         None
     };
     make_folder(&args.output)?;
+    let quiet = summary.quiet;
+    let steps = |what: &'static str| {
+        let bar = progress_bar(quiet, what);
+        move |done: f64, what: &str| {
+            bar.set_position((1000.0 * done) as u64);
+            if bar.is_hidden() && !quiet {
+                eprintln!("{:3.0} % {what}", 100.0 * done);
+            }
+            ControlFlow::Continue(())
+        }
+    };
+    let how = Measurement {
+        output: &args.output,
+        is_quick: args.quick,
+        steps: &|_, _| ControlFlow::Continue(()),
+    };
     if let Some(subject) = &subject {
         let devices = devices(args.options.device, &mut summary);
         if parts.contains(&ReportPart::Time) {
@@ -95,17 +105,42 @@ pub fn run(args: &ReportArgs) -> Result<()> {
                 subject.cloud.sh_degree,
                 device.name()
             ));
-            told += &error_against_time(args, subject, &devices, &mut page, &mut summary)?;
+            let steps = &steps("measuring settings");
+            let how = Measurement { steps, ..how };
+            let measured = || time::run(how, subject, &devices, &mut page);
+            let measured = summary.time("sweep", measured)?;
+            summary.set("points", measured.points);
+            told += &measured.words;
         }
         if parts.contains(&ReportPart::Extremes) {
-            told += &extremes::run(args, subject, &devices, &mut page, &mut summary)?;
+            let steps = &steps("extreme cases");
+            let how = Measurement { steps, ..how };
+            let tried = extremes::run(how, subject, &devices, &mut page)?;
+            summary.add_ms("extremes", tried.ms);
+            let [cases, failed] = tried.cases;
+            summary.set("extreme_cases", cases);
+            summary.set("extreme_cases_failed", failed);
+            told += &tried.words;
         }
         if parts.contains(&ReportPart::Skipped) {
-            told += &skipped::run(args, subject, &mut page, &mut summary)?;
+            let steps = &steps("what was left out");
+            let how = Measurement { steps, ..how };
+            let savings = summary.time("skips", || skipped::run(how, subject, &mut page))?;
+            savings.saved.iter().for_each(|saved| summary.saved(saved));
+            told += &skipped::in_words(&savings);
         }
     }
     if !objects.is_empty() {
-        let tables = truth::run(&objects, args, &device, &mut summary)?;
+        let comparison = Comparison {
+            objects: &objects,
+            has_unknown_light: args.unknown_light,
+            directions: args.options.directions.unwrap_or(DEFAULT_DIRECTIONS),
+        };
+        let steps = &steps("comparing with the truth");
+        let compared = truth::run(&comparison, Measurement { steps, ..how }, &device)?;
+        summary.set("pairs", compared.pairs);
+        let table = args.output.join(truth::TRUTH_CSV);
+        summary.set("table", table.display().to_string());
         let names: Vec<&str> = objects.iter().map(|o| &*o.name).collect();
         page.heading("Against path-traced truth");
         page.paragraph(&format!(
@@ -114,8 +149,8 @@ pub fn run(args: &ReportArgs) -> Result<()> {
             truth::TRUTH_CSV,
             truth::TRUTH_TABLES
         ));
-        page.preformatted(&tables);
-        told += &tables;
+        page.preformatted(&compared.tables);
+        told += &compared.tables;
     }
     if !scenes.is_empty() {
         let table = insertion::run(&scenes, args, &device, &mut summary)?;
@@ -194,7 +229,7 @@ fn subject(args: &ReportArgs, device: &Device, summary: &mut Summary) -> Result<
     })
 }
 
-/// What the numbers are of, for the page.
+/// Subject of the figures, for the page.
 fn measured_what(args: &ReportArgs) -> String {
     let name = |path: &Path| {
         let name = path.file_name().unwrap_or(path.as_os_str());
@@ -235,32 +270,4 @@ fn devices(choice: DeviceChoice, summary: &mut Summary) -> Vec<Device> {
         Err(error) => summary.skip("the GPU", &error.to_string()),
     }
     devices
-}
-
-fn error_against_time(
-    args: &ReportArgs,
-    subject: &Subject,
-    devices: &[Device],
-    page: &mut Page,
-    summary: &mut Summary,
-) -> Result<String> {
-    let effort = if args.quick {
-        Effort::Quick
-    } else {
-        Effort::Full
-    };
-    let bar = summary.progress_bar("measuring settings");
-    let progress = |done: f64, what: &str| {
-        bar.set_position((1000.0 * done) as u64);
-        if bar.is_hidden() && !args.out.quiet {
-            eprintln!("{:3.0} % {what}", 100.0 * done);
-        }
-        ControlFlow::Continue(())
-    };
-    let points = summary.time("sweep", || Sweep::run(subject, devices, effort, &progress))?;
-    write(&args.output.join(time::CSV), &time::csv(&points))?;
-    summary.set("points", points.len());
-    let words = sweep::in_words(&points);
-    time::onto(page, &points, &words)?;
-    Ok(time::summary(&points, &words))
 }

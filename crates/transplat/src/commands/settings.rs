@@ -58,7 +58,7 @@ pub fn check_objects(args: &AssetArgs, scene: &Scene, is_relit: bool) -> Result<
     Ok(())
 }
 
-/// Whether a file that may be a splat is a look.
+/// True where a file that may be a splat is a look.
 pub fn is_look(path: &Path) -> bool {
     matches!(file_kind(path), Ok(FileKind::Look))
 }
@@ -77,7 +77,7 @@ pub fn look_of(asset: &AssetOptions, light: Option<&LightArgs>) -> Result<Scene>
     look_over(Scene::default(), asset, light)
 }
 
-/// The same over other settings than the defaults; a saved look replaces them.
+/// Look over other settings than the defaults; a saved look replaces them.
 pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -> Result<Scene> {
     let mut scene = match light.and_then(|l| l.capture.look.as_deref()) {
         Some(path) => load_look(path)?,

@@ -27,7 +27,6 @@ use super::tabs::LightPage;
 use super::timeline::Timeline;
 use super::viewport::Viewport;
 use super::widgets::Grab;
-use crate::savings::Saved;
 use transplat_engine::asset::OpenedWith;
 use transplat_engine::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use transplat_engine::delight::DelitAs;
@@ -35,18 +34,19 @@ use transplat_engine::environments::{environments_in, not_environments};
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::project::{SOURCE, TARGET};
 use transplat_engine::words::of_error;
+use transplat_eval::savings::Saved;
 
 /// Where the preferences are kept.
 pub(super) const STORAGE_KEY: &str = "preferences";
 
-/// How long a drop waits for the pointer to tell where it was let go, in seconds.
+/// Seconds that a drop waits for the pointer's position.
 const DROP_WAIT_S: f64 = 0.15;
 
 /// Height in pixels of a screen that is called large, and how much larger text is there.
 const LARGE_SCREEN: f32 = 1400.0;
 const LARGE_TEXT: f32 = 1.25;
 
-/// What the viewer opens with.
+/// Files and settings that the viewer opens with.
 #[derive(Default)]
 pub struct Startup {
     /// Splats, environments, folders and looks in any order.
@@ -63,18 +63,18 @@ pub struct Startup {
     pub fatal: Arc<Mutex<Option<String>>>,
 }
 
-/// What is open beside the viewport.
+/// Panels beside the viewport that are open.
 #[derive(Default)]
 pub struct Shown {
     pub help: bool,
     pub about: bool,
     pub panels: bool,
-    /// What the panel Light is about.
+    /// Page of the panel Light.
     pub light: LightPage,
     pub path_field: Option<PathField>,
 }
 
-/// What is to become of exports when the window is to be closed.
+/// Fate of exports when the window is to be closed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Quitting {
     Asks,
@@ -83,20 +83,20 @@ pub(super) enum Quitting {
 
 /// The viewer.
 pub struct Viewer {
-    /// What is open.
+    /// Project, and the state of its window.
     pub session: Session,
     pub(super) preferences: Preferences,
     pub(super) viewport: Viewport,
     pub(super) directions_draft: Option<usize>,
     pub(super) shelf: Shelf,
-    /// Of looks and views that are kept.
+    /// Thumbnails of kept looks and views.
     pub(super) pictures: Pictures,
     pub(super) history: History,
     pub(super) probes: [Option<Probe>; 2],
     pub(super) maps: [LightMap; 2],
     pub(super) rig_map: LightMap,
     pub(super) timeline: Timeline,
-    /// How the lights were turned when one of the probes' balls was taken: rotation and tilt.
+    /// Rotation and tilt of the lights when a probe ball was grabbed.
     pub(super) grabbed_balls: [Grab<(f64, f64)>; 4],
     pub(super) shown: Shown,
     /// Files that were opened by the user and are not known to be good yet.
@@ -108,12 +108,12 @@ pub struct Viewer {
     pub(super) clipboard: Option<arboard::Clipboard>,
     pub(super) lost: bool,
     pub(super) quitting: Option<Quitting>,
-    /// Whether what is needed to relight was cancelled.
+    /// True where work that relighting needs was cancelled.
     pub(super) is_stopped: bool,
     pub(super) settings_for_once: bool,
     /// A picture as it would be saved.
     pub(super) preview: Option<egui::TextureHandle>,
-    /// What that is a picture of, and what the next one will be of.
+    /// Scene and camera of the last preview, and of the next one.
     pub(super) previewed: Option<(Scene, CameraPose)>,
     asked_preview: Option<(Scene, CameraPose)>,
     /// A file that would be written over, to be asked about.
@@ -127,7 +127,7 @@ pub struct Viewer {
     pub(super) kept_work: Option<Scene>,
     pub(super) fatal: Arc<Mutex<Option<String>>>,
     pub(super) title: String,
-    /// Whether nothing was kept of an earlier start.
+    /// True where no settings of an earlier start were found.
     is_first_start: bool,
 }
 
@@ -511,7 +511,7 @@ impl Viewer {
         ask(&mut self.session, Dialog::Save(kind, name));
     }
 
-    /// What the name of a relit splat ends with: as its format is chosen, or as the capture came.
+    /// Ending of a relit splat's file: by the chosen format, or as the capture came.
     pub(super) fn splat_ending(&self) -> &'static str {
         let own = self.session.asset().map(|asset| asset.file.format);
         let own = own.filter(|_| self.session.project.scene.objects.len() == 1);
@@ -598,7 +598,7 @@ impl Viewer {
         }
     }
 
-    /// What the user opened is recent once it has proven good.
+    /// Adds files to the recent ones once they have proven good.
     pub(super) fn remember_opened(&mut self) {
         for path in std::mem::take(&mut self.session.opened) {
             if self.unproven.contains(&path) {
@@ -608,7 +608,7 @@ impl Viewer {
         }
     }
 
-    /// What lights a side is on the shelf too, wherever it came from.
+    /// Adds the lights of both sides to the shelf.
     pub(super) fn shelve_lights(&mut self) {
         for side in [SOURCE, TARGET] {
             let light = &self.session.light(side);
@@ -627,7 +627,7 @@ impl Viewer {
         &self.shelf.paths
     }
 
-    /// What this scene did not need, and why.
+    /// Work that this scene did not need, with the reasons.
     pub fn left_out(&self) -> Vec<Skipped> {
         let session = &self.session;
         let mut out = Vec::new();

@@ -9,10 +9,10 @@ use super::session::{Dialog, Event, SaveKind, Session};
 use transplat_engine::jobs::Kind;
 use transplat_engine::language::tr;
 
-/// What the window "By path" asks for.
+/// State of the window "By path".
 pub struct PathField {
     pub text: String,
-    /// Whether it gets the keyboard.
+    /// True where it gets the keyboard.
     pub is_new: bool,
     /// The dialog that it stands for, if it is one.
     pub dialog: Option<Dialog>,
@@ -44,7 +44,7 @@ impl PathField {
         }
     }
 
-    /// What can be done with the path: nothing stands for opening it. Enter does the first.
+    /// Actions for the path: nothing stands for opening it. Enter does the first.
     pub fn actions(&self) -> Vec<(&'static str, Option<SaveKind>)> {
         match self.dialog {
             None => vec![

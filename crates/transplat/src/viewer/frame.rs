@@ -12,12 +12,12 @@ use transplat_engine::picture::half;
 use transplat_engine::project::{SOURCE, TARGET};
 
 impl Session {
-    /// What a viewport of a size shows with the settings as they are.
+    /// Frame of a viewport of a size with the settings as they are.
     pub fn frame(&self, size: [usize; 2], view: View) -> Option<Frame> {
         self.frame_from(&self.project.pose, size, view)
     }
 
-    /// The same, seen from elsewhere.
+    /// Frame seen from another pose.
     pub(super) fn frame_from(
         &self,
         pose: &CameraPose,
@@ -102,7 +102,7 @@ impl Session {
     }
 }
 
-/// How an object stands in the scene, and what of it is drawn.
+/// Place and visibility of an object.
 fn placement((object, state): (&Object, &ObjectState)) -> Placement {
     Placement {
         scene_from_object: object.transform.scene_from_object(),

@@ -4,7 +4,7 @@
 use eframe::egui::{Event, Modifiers, PointerButton, Pos2};
 use glam::Vec2;
 
-/// What a drag does.
+/// Effect of a drag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gesture {
     Orbit,
@@ -47,7 +47,7 @@ pub struct Step {
 }
 
 impl Step {
-    /// How far it goes, in points.
+    /// Distance of the drag, in points.
     pub fn by(&self) -> Vec2 {
         Vec2::new(self.to.x - self.from.x, self.to.y - self.from.y)
     }
@@ -69,7 +69,7 @@ pub struct Gestures {
 }
 
 impl Gestures {
-    /// What is done by the button that is held.
+    /// Gesture of the button that is held.
     pub fn held(&self) -> Option<Gesture> {
         self.held.map(|held| held.gesture)
     }

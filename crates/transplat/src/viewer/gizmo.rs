@@ -34,7 +34,7 @@ const COLORS: [Color32; 3] = [
     Color32::from_rgb(86, 138, 240),
 ];
 
-/// What is taken hold of.
+/// Handle of the gizmo.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Handle {
     Move(usize),
@@ -79,7 +79,7 @@ impl View<'_> {
         self.screen.on_plane(at, self.middle, normal)
     }
 
-    /// How far along a line through the middle a place is.
+    /// Distance of a place along a line through the middle.
     fn along(&self, at: Vec2, axis: Vec3) -> Option<f32> {
         self.screen.along(at, self.middle, axis)
     }

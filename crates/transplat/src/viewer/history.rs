@@ -12,10 +12,10 @@ pub const STEP_S: f64 = 1.0;
 /// While they do not stay, there is one every so often.
 const LONGEST_CHANGE_S: f64 = 30.0;
 
-/// How many steps are kept.
+/// Steps that are kept.
 const MOST_STEPS: usize = 200;
 
-/// How many changes of one step are named.
+/// Changes of one step that are named.
 const MOST_NAMED: usize = 2;
 
 /// A state of the scene, and what led to it.
@@ -87,17 +87,17 @@ impl History {
         }
     }
 
-    /// Whether something changes that is no step yet.
+    /// True while a change is under way that is no step yet.
     pub fn is_in_flux(&self) -> bool {
         self.change.is_some()
     }
 
-    /// Whether there is anything to go back to from a scene.
+    /// True where a scene can be undone.
     pub fn has_undo(&self, scene: &Scene) -> bool {
         self.at > 0 || self.is_new(scene)
     }
 
-    /// Whether what was undone can be done again.
+    /// True where an undone step can be done again.
     pub fn has_redo(&self, scene: &Scene) -> bool {
         self.at + 1 < self.steps.len() && !self.is_new(scene)
     }
@@ -132,7 +132,7 @@ impl History {
         Some(scene)
     }
 
-    /// What was done, the oldest first, and which of it the scene shows.
+    /// Steps, the oldest first, and the one that the scene shows.
     pub fn steps(
         &self,
     ) -> (
@@ -163,7 +163,7 @@ impl History {
     }
 }
 
-/// Whether one scene is the other, seen from elsewhere at most: lights that are fixed to the camera went along with it.
+/// True for scenes that differ in the camera at most: lights that are fixed to it went along.
 fn is_as(step: &Scene, scene: &Scene) -> bool {
     if step.camera == scene.camera {
         return step == scene;
@@ -178,7 +178,7 @@ fn is_as(step: &Scene, scene: &Scene) -> bool {
     went_along == *scene
 }
 
-/// What looks call a setting, and how it is said: the longest beginning counts.
+/// Words for the settings of a look: the longest matching beginning counts.
 const WORDS: [(&str, &str); 51] = [
     ("animation", tr_later("light over time")),
     ("asset", tr_later("splat")),
@@ -236,7 +236,7 @@ const WORDS: [(&str, &str); 51] = [
     ("wipe", tr_later("line of the split")),
 ];
 
-/// What is different between two scenes, in words.
+/// Differences of two scenes, in words.
 fn changes(before: &Scene, after: &Scene) -> String {
     let value = |scene: &Scene| -> serde_json::Value {
         let text = look_text(scene).unwrap_or_default();
@@ -282,7 +282,7 @@ fn changes(before: &Scene, after: &Scene) -> String {
     said.join(", ")
 }
 
-/// Which lights of one's own are others, and in what.
+/// Differences of the placed lights, in words.
 fn changed_lights(before: &[Light], after: &[Light]) -> Vec<String> {
     // The one more that the first list has, if the others are all in the second, in their order.
     let one_more = |these: &[Light], others: &[Light]| {

@@ -104,7 +104,7 @@ fn next(at: Option<usize>, count: usize, is_forward: bool) -> Option<usize> {
     at.checked_rem(count)
 }
 
-/// What a picture is of.
+/// Subject of a thumbnail.
 struct Subject {
     kept: Kept,
     objects: Vec<Placed>,
@@ -129,7 +129,7 @@ fn placed(session: &Session) -> Vec<Placed> {
         .collect()
 }
 
-/// What is to be done with something kept.
+/// Action on something kept.
 #[derive(Clone, Copy)]
 enum Wish {
     Show,
@@ -288,12 +288,12 @@ struct Card {
     tip: String,
     is_shown: bool,
     badge: Option<&'static str>,
-    /// Whether others can be compared with it.
+    /// True where others can be compared with it.
     compares: bool,
 }
 
 impl Card {
-    /// What is wished of it; its name is changed in place.
+    /// Shows it, and yields the action that was chosen; its name is changed in place.
     fn show(self, ui: &mut Ui, name: &mut String, picture: Option<&TextureHandle>) -> Option<Wish> {
         let inside = ui.vertical(|ui| {
             ui.set_width(THUMBNAIL.x);

@@ -24,9 +24,9 @@ const WIDTH: usize = 256;
 #[derive(Default)]
 pub struct LightMap {
     shown: Option<(Key, TextureHandle)>,
-    /// How the light was turned at the press.
+    /// Rotation of the light at the press.
     grab: Grab<f64>,
-    /// Whether it was taken once, and need not be explained.
+    /// True once it was dragged, and need not be explained.
     is_known: bool,
 }
 
@@ -34,7 +34,7 @@ pub struct LightMap {
 #[derive(Clone, PartialEq)]
 struct Key {
     light: u64,
-    /// Of the light as if it were not turned.
+    /// Rotation of the unrotated light.
     map_from_world: DMat3,
     gain: [f32; 3],
     without_suns: bool,
@@ -155,12 +155,12 @@ impl LightMap {
     }
 }
 
-/// How the map lies in the window.
+/// Layout of the map in the window.
 struct Placed {
     rect: Rect,
-    /// What is in its middle: how far across the map as if it were not turned.
+    /// Middle of the map, as a share across the unrotated map.
     ahead: f32,
-    /// Of the light, in radians.
+    /// Rotation of the light, in radians.
     rotation: f32,
     /// Where its brightest is, as if it were not turned.
     brightest: Option<Vec3>,
@@ -191,7 +191,7 @@ fn ring(ui: &Ui, rect: Rect, at: Pos2) {
     painter.circle_stroke(at, 7.0, Stroke::new(1.5, Color32::WHITE));
 }
 
-/// How far across the map an azimuth of the world lies, a whole turn being 1 and azimuth 0 in the middle.
+/// Position of an azimuth across the unrotated map, a whole turn being 1 and azimuth 0 in the middle.
 fn across_azimuth(azimuth: f32) -> f32 {
     0.5 - azimuth / TAU
 }

@@ -7,11 +7,11 @@ use transplat_core::extremes;
 use transplat_core::settings::Method;
 
 use super::session::{Measured, Outcome, Session};
-use crate::savings;
-use crate::sweep::{Effort, Setting, Subject, Sweep, in_words};
 use transplat_engine::device::Device;
 use transplat_engine::jobs::{Handle, Kind, Work};
 use transplat_engine::language::{tr, tr_format};
+use transplat_eval::savings;
+use transplat_eval::sweep::{Effort, Setting, Subject, Sweep, in_words};
 
 /// Repeats of a transfer with and without what is left out.
 const REPEATS: usize = 7;

@@ -123,7 +123,7 @@ impl Viewer {
         }
     }
 
-    /// What was done, the last first; a click goes back to it.
+    /// Lists the steps of the history, the last first; a click goes back to one.
     fn history_menu(&mut self, ui: &mut Ui) {
         let mut chosen = None;
         egui::ScrollArea::vertical()

@@ -133,7 +133,7 @@ impl Session {
         }
     }
 
-    /// Whether a light is being read, or estimated.
+    /// True while a light is being read, or estimated.
     pub fn is_loading(&self, path: &Path) -> bool {
         let is_estimating = is_estimate(path) && self.project.is_estimating(self.selected);
         is_estimating || self.project.environments.is_awaited(path)

@@ -27,13 +27,13 @@ use transplat_engine::words::milliseconds;
 /// Points across a ball in the corner.
 const BALL_SIZE: f32 = 46.0;
 
-/// How long a message stays that is no error, in seconds.
+/// Seconds that a message stays that is no error.
 const MESSAGE_S: f32 = 7.0;
 
-/// How long a job runs before it is shown.
+/// Time that a job runs before it is shown.
 const MOMENT: Duration = Duration::from_millis(400);
 
-/// How many messages are shown, the latest.
+/// Messages that are shown, the latest.
 const MOST_MESSAGES: usize = 4;
 
 /// A window over the middle of the picture.
@@ -103,7 +103,7 @@ impl Viewer {
         });
     }
 
-    /// What runs, with its progress and a way to stop it; and what was said.
+    /// Shows running jobs, with progress and a way to stop them, and messages.
     pub(super) fn jobs_and_messages(&mut self, context: &egui::Context) {
         let rect = self.viewport.rect;
         let area = egui::Area::new(egui::Id::unique("jobs"))
@@ -599,7 +599,7 @@ fn sheet(ui: &mut Ui, name: &str, lines: &[(String, &str)]) {
         });
 }
 
-/// How long something still takes, where that is long enough to be told.
+/// Time left in words, where that is long enough to be shown.
 fn left_in_words(left: Duration) -> Option<String> {
     match left.as_secs() {
         0..5 => None,

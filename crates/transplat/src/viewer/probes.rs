@@ -36,11 +36,11 @@ pub struct Key {
     pub world_from_view: Mat3,
 }
 
-/// What is around the balls, in the Z-up world.
+/// Environment of the probe balls, in the Z-up world.
 pub struct Around {
     /// As it arrives there.
     light: Illumination,
-    /// What of it is near.
+    /// Emitters that are near.
     near: Vec<Emitter>,
     /// All that shines.
     map: EnvironmentMap,

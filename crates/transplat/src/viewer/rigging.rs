@@ -19,7 +19,7 @@ use transplat_engine::language::{tr, tr_format, tr_later};
 use transplat_engine::names::beside;
 use transplat_engine::project::pinned::free;
 
-/// How the kinds of lights are called.
+/// Name of a kind of light.
 pub fn kind_name(kind: LightKind) -> &'static str {
     tr(match kind {
         LightKind::Directional => tr_later("sun"),
@@ -30,7 +30,7 @@ pub fn kind_name(kind: LightKind) -> &'static str {
     })
 }
 
-/// How a light is called: by its name, or else its kind.
+/// Name of a light: its own, or else that of its kind.
 pub fn called(light: &Light) -> &str {
     match light.name.is_empty() {
         true => kind_name(light.source.kind()),
@@ -47,7 +47,7 @@ pub const RIGS: [(RigPreset, &str); 5] = [
     (RigPreset::ProductTable, tr_later("product table")),
 ];
 
-/// What their lights are called.
+/// Names of the rigs' lights.
 const NAMES: [&str; 10] = [
     tr_later("key"),
     tr_later("fill"),
@@ -70,14 +70,14 @@ const PLACES: [[f64; 2]; 5] = [
     [0.0, 70.0],
 ];
 
-/// How bright they are at least, the first one being 1.
+/// Least strength of a rig's light, the first one being 1.
 const LEAST_SHARE: f32 = 0.3;
 
-/// And how far away, in radii of all that is shown.
+/// Distance of a rig's lights, in radii of all that is shown.
 const AWAY: f64 = 3.0;
 
 impl Session {
-    /// What lights are placed around.
+    /// Subject that lights are placed around.
     pub fn lit(&self) -> Lit {
         let bounds = self.project.scene_bounds();
         let center = bounds.map_or(Vec3::ZERO, |b| b.center);
@@ -135,7 +135,7 @@ impl Session {
         self.selected_light = self.project.scene.lights.len() - 1;
     }
 
-    /// Whether so many lights more are not too many, which is told.
+    /// Checks that there is room for so many more lights, and reports where there is none.
     fn has_room_for(&mut self, more: usize) -> bool {
         let has_room = self.project.scene.lights.len() + more <= MOST_LIGHTS;
         if !has_room {

@@ -7,7 +7,7 @@ use transplat_core::camera::Camera;
 /// Cosine between a ray and a plane under which it does not tell a place in it.
 pub const GRAZING: f32 = 0.08;
 
-/// Of a handle that is held, or may be taken.
+/// Colour of a handle that is held, or may be grabbed.
 pub const HELD: Color32 = Color32::from_rgb(255, 214, 90);
 
 /// A picture in the window, and what it is seen by.
@@ -45,7 +45,7 @@ impl Screen<'_> {
         (falls.abs() > GRAZING && meets > 0.0).then(|| self.camera.eye + ray * meets)
     }
 
-    /// How far along a line through a place a point of the picture is.
+    /// Distance along a line through a place of a point of the image.
     pub fn along(&self, at: Vec2, through: Vec3, axis: Vec3) -> Option<f32> {
         let ray = self.ray(at);
         let across = ray.dot(axis);
@@ -60,7 +60,7 @@ impl Screen<'_> {
     }
 }
 
-/// How far a point is from a line's piece.
+/// Distance of a point from a segment.
 pub fn from_segment(p: Pos2, a: Pos2, b: Pos2) -> f32 {
     let along = b - a;
     let t = ((p - a).dot(along) / along.length_sq().max(1e-6)).clamp(0.0, 1.0);

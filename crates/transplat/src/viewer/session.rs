@@ -14,8 +14,6 @@ use transplat_core::transfer::PreparedTransfer;
 use transplat_gpu::Context;
 use transplat_gpu::live::{Drawing, Live};
 
-use crate::savings::Saved;
-use crate::sweep::Point;
 use transplat_engine::asset::Asset;
 use transplat_engine::bake::Baked;
 use transplat_engine::environments::Environment;
@@ -25,20 +23,22 @@ use transplat_engine::object::{ObjectState, OrientedLight};
 use transplat_engine::project::canvas::Canvas;
 use transplat_engine::project::{Notice, Project, SOURCE};
 use transplat_engine::words::of_error;
+use transplat_eval::savings::Saved;
+use transplat_eval::sweep::Point;
 
-/// How the two sides of the light are called.
+/// Names of the two sides of the light.
 pub const SIDES: [&str; 2] = [tr_later("captured under"), tr_later("relit by")];
 
-/// What a job yields: it is done to the session.
+/// Change that a job makes to the session.
 pub type Outcome = Box<dyn FnOnce(&mut Session) + Send>;
 
-/// What the window has to deal with itself.
+/// Event that the window handles itself.
 pub enum Event {
     /// Files that were chosen to be opened.
     Files(Vec<PathBuf>),
     /// A picture for the clipboard: width, height, straight RGBA bytes.
     Clipboard([usize; 2], Vec<u8>),
-    /// The same, to be looked at.
+    /// A picture to be looked at: width, height, straight RGBA bytes.
     Preview([usize; 2], Vec<u8>),
     SaveTo(PathBuf, SaveKind),
     /// The desktop shows no dialogs.
@@ -51,7 +51,7 @@ pub enum Event {
     PictureSize([usize; 2]),
 }
 
-/// What a path that was chosen in a dialog is for.
+/// Purpose of a path that was chosen in a dialog.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SaveKind {
     Look,
@@ -64,7 +64,7 @@ pub enum SaveKind {
     Plate,
     /// Lights of one's own.
     Rig,
-    /// The same, to be taken from there.
+    /// Placed lights, to be opened.
     OpenRig,
     /// All the light as one environment.
     Environment,
@@ -72,7 +72,7 @@ pub enum SaveKind {
     Lut,
 }
 
-/// What a file dialog is for.
+/// Purpose of a file dialog.
 #[derive(Clone, Debug)]
 pub enum Dialog {
     Open,
@@ -115,20 +115,20 @@ impl Default for Overlays {
 pub struct Measured {
     /// The splat that was measured.
     pub cloud: Weak<SurfelCloud>,
-    /// What settings cost.
+    /// Run time and error of settings.
     pub points: Vec<Point>,
-    /// What leaving something out saves.
+    /// Savings of optimizations.
     pub saved: Vec<Saved>,
-    /// And what of the settings is worth a word.
+    /// Remarks on the settings.
     pub words: Vec<String>,
-    /// Whether the user has not seen it yet.
+    /// True where the user has not seen it yet.
     pub is_new: bool,
 }
 
 /// A project in the window, and what the window adds.
 pub struct Session {
     pub project: Project,
-    /// What draws the project.
+    /// Canvas that draws the project.
     pub canvas: Canvas,
     /// Work for the window itself: exports, dialogs, measurements.
     pub jobs: Jobs<Outcome>,
@@ -136,16 +136,16 @@ pub struct Session {
     pub selected: usize,
     /// The light of one's own that is chosen; one too many stands for the last.
     pub selected_light: usize,
-    /// Whether a splat that is opened is put into the scene.
+    /// True where a splat that is opened is put into the scene.
     pub adds_splats: bool,
     pub overlays: Overlays,
     pub messages: Vec<Message>,
-    /// What was measured on objects, by the number of their state.
+    /// Measurements of objects, by the number of their state.
     pub(super) measured: HashMap<u64, Measured>,
-    /// What the extreme cases came to; empty until it is asked for.
+    /// Result of the extreme cases; empty until they are tried.
     pub extremes: String,
     pub(super) events: Vec<Event>,
-    /// What was opened and is good, to be remembered.
+    /// Files that were opened and are good, to be remembered.
     pub opened: Vec<PathBuf>,
 }
 
@@ -228,17 +228,17 @@ impl Session {
         &self.project.scene.objects[self.selected]
     }
 
-    /// See [`Session::object`].
+    /// Settings of the selected object, to be changed.
     pub fn object_mut(&mut self) -> &mut Object {
         &mut self.project.scene.objects[self.selected]
     }
 
-    /// What is made of it.
+    /// State of the selected object.
     pub fn state(&self) -> &ObjectState {
         &self.project.states[self.selected]
     }
 
-    /// See [`Session::state`].
+    /// State of the selected object, to be changed.
     pub fn state_mut(&mut self) -> &mut ObjectState {
         &mut self.project.states[self.selected]
     }
@@ -261,7 +261,7 @@ impl Session {
         }
     }
 
-    /// See [`Session::side`].
+    /// Settings of a side's light, to be changed.
     pub fn side_mut(&mut self, side: usize) -> &mut EnvironmentLight {
         match side {
             SOURCE => &mut self.object_mut().source,
@@ -269,7 +269,7 @@ impl Session {
         }
     }
 
-    /// What a side is lit by.
+    /// Environment of a side.
     pub fn light(&self, side: usize) -> &Arc<Environment> {
         match side {
             SOURCE => &self.state().source.light,
@@ -287,7 +287,7 @@ impl Session {
         self.project.baked_of(self.selected)
     }
 
-    /// How much of that is done, 0 to 1.
+    /// Share of the bake that is done, 0 to 1.
     pub fn bake_share(&self) -> f32 {
         let method = self.project.scene.transfer.method;
         self.state().bake_share(method)
@@ -303,24 +303,24 @@ impl Session {
         self.state().prepared.get().map(|p| &p.prepared)
     }
 
-    /// What the splat tells of its light, once it was asked, or from an earlier time.
+    /// Estimate of the capture light, once it was requested or from an earlier time.
     pub fn estimate(&self) -> Option<&Estimate> {
         self.state().estimate.get()
     }
 
-    /// How long the last change of light took.
+    /// Milliseconds of the last change of light.
     pub fn transfer_ms(&self) -> f64 {
         let relit = self.state().relit.get();
         let on_cpu = relit.and_then(|r| r.cpu_ms);
         on_cpu.unwrap_or_else(|| self.canvas.timers.transfer.ms())
     }
 
-    /// How many stops the target's mean irradiance is over the source's, as they are shown.
+    /// Stops of the target's mean irradiance over the source's, as they are shown.
     pub fn stops_over_source(&self) -> Option<f32> {
         self.state().relit.get()?.stops_over_source
     }
 
-    /// Whether the light of the capture is not known, and even light is assumed.
+    /// True where the capture light is not known, and even light is assumed.
     pub fn source_is_assumed(&self) -> bool {
         self.light(SOURCE).is_even
     }

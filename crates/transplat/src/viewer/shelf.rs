@@ -24,7 +24,7 @@ pub const HEIGHT: f32 = 104.0;
 /// Width of the list of pages in points.
 const PAGES_WIDTH: f32 = 64.0;
 
-/// What the shelf shows beside the slots.
+/// Page of the shelf beside the slots.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Page {
     #[default]
@@ -33,7 +33,7 @@ enum Page {
     Views,
 }
 
-/// What the shelf keeps from frame to frame.
+/// State of the shelf.
 #[derive(Default)]
 pub struct Shelf {
     pub paths: Vec<PathBuf>,
@@ -162,7 +162,7 @@ impl Shelf {
         });
     }
 
-    /// What is dragged, under the pointer.
+    /// Draws a dragged light under the pointer.
     fn draw_dragged(&mut self, ui: &Ui, session: &Session) {
         let dragged = egui::DragAndDrop::payload::<Dragged>(ui.ctx());
         let pointer = ui.ctx().pointer_latest_pos();
@@ -306,7 +306,7 @@ impl Shelf {
     }
 }
 
-/// Whether a file is a copy of another that is called so, too.
+/// True for a file that is a copy of another of its name.
 fn is_copy(a: &Path, b: &Path) -> bool {
     let length = |path: &Path| path.metadata().map(|m| m.len()).ok();
     let is_alike = a.file_name() == b.file_name() && length(a).is_some() && length(a) == length(b);

@@ -5,7 +5,7 @@ use eframe::egui::{Key, Modifiers};
 use super::tabs::Tab;
 use transplat_engine::language::{tr, tr_later};
 
-/// What a key does.
+/// Action of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     Open,
@@ -253,7 +253,7 @@ pub const ARROWS: [Key; 4] = [
     Key::ArrowDown,
 ];
 
-/// What the mouse and held keys do, for the sheet.
+/// Gestures of the mouse and held keys, for the sheet.
 pub const GESTURES: [(&str, &str); 16] = [
     (tr_later("left drag"), tr_later("orbit")),
     (tr_later("middle drag, shift + left drag"), tr_later("pan")),

@@ -27,11 +27,11 @@ pub const TAB_HEIGHT: f32 = 48.0;
 const CONTROL_HEIGHT: f32 = 21.0;
 const GAPS: egui::Vec2 = vec2(8.0, 5.0);
 
-/// What went wrong, readable and calm on either ground.
+/// Colour of errors, readable and calm on either ground.
 const ERROR_ON_DARK: Color32 = Color32::from_rgb(240, 136, 120);
 const ERROR_ON_LIGHT: Color32 = Color32::from_rgb(170, 48, 36);
 
-/// What is worth a look.
+/// Colour of warnings.
 const WARNING_ON_DARK: Color32 = Color32::from_rgb(232, 184, 96);
 const WARNING_ON_LIGHT: Color32 = Color32::from_rgb(140, 92, 0);
 

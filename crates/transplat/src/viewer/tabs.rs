@@ -4,7 +4,7 @@ use lucide_icons::Icon;
 use serde::{Deserialize, Serialize};
 use transplat_engine::language::tr_later;
 
-/// What the panel is about.
+/// Subject of the panel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Tab {
@@ -17,7 +17,7 @@ pub enum Tab {
     Report,
 }
 
-/// What the panel Light is about.
+/// Page of the panel Light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LightPage {
     #[default]

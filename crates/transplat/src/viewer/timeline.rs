@@ -45,7 +45,7 @@ pub struct Timeline {
 }
 
 impl Timeline {
-    /// Whether the light is on its way, and is no step to come back to.
+    /// True while the light moves, and is no step to come back to.
     pub fn is_moving(&self) -> bool {
         self.is_playing || self.is_scrubbed || self.held.is_some()
     }

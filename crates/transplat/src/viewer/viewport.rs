@@ -27,19 +27,19 @@ const NEAR_ENOUGH: f64 = 0.999;
 /// A frame on the GPU that takes longer than this makes a drag step down in quality.
 const SLOW_FRAME_MS: f64 = 40.0;
 
-/// How long after the last move the full quality comes back, in seconds.
+/// Seconds after the last move until full quality comes back.
 const SETTLE_S: f64 = 0.2;
 
 /// Coarsest step of quality: edges are divided by it.
 const MAX_STEP: usize = 4;
 
-/// How far away a light is put at least that is placed by a shadow, in distances from that to what throws it.
+/// Least distance of a light that is placed by a shadow, in distances from that to what throws it.
 const BEHIND: f64 = 1.5;
 
 /// Points from the wipe's line within which it is taken.
 const WIPE_REACH: f32 = 6.0;
 
-/// How a light is placed by what it does.
+/// Way of placing a light by its effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placing {
     /// Its reflection is seen where the pointer is.
@@ -63,7 +63,7 @@ fn say_what_to_do(ui: &Ui, rect: Rect, placing: Placing) {
     tag(&ui.painter_at(rect), below, egui::Align2::CENTER_TOP, text);
 }
 
-/// What the viewport keeps from frame to frame.
+/// State of the viewport.
 pub struct Viewport {
     pub rect: Rect,
     last_move: f64,
@@ -73,17 +73,17 @@ pub struct Viewport {
     pub clicked: Option<(u64, usize)>,
     /// The light turns with the camera.
     pub light_locked_to_camera: bool,
-    /// Whether it was turned here by hand.
+    /// True where the light was rotated here by hand.
     pub light_was_turned: bool,
     gizmo: Gizmo,
     lights: LightHandles,
-    /// How the next drag places a light.
+    /// Way that the next drag places a light.
     pub placing: Option<Placing>,
-    /// Whether the click of this frame placed one.
+    /// True where the click of this frame placed one.
     was_placed: bool,
-    /// Whether the pointer has been on anything that it could be placed by, since it was pressed.
+    /// True where the pointer was on anything that a light could be placed by, since it was pressed.
     has_met: bool,
-    /// Of which frame the time was that quality was last set by.
+    /// Frame whose time quality was last set by.
     judged: u64,
 }
 
@@ -287,7 +287,7 @@ impl Viewport {
         picks.min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
-    /// Whether something is being dragged.
+    /// True while something is being dragged.
     pub fn is_dragging(&self) -> bool {
         self.gestures.held().is_some()
     }
@@ -329,7 +329,7 @@ impl Viewport {
         }
     }
 
-    /// What a press begins.
+    /// Gesture that a press begins.
     fn gesture_of(&mut self, session: &mut Session, press: Press) -> Gesture {
         let shift = press.modifiers.shift;
         match press.button {
@@ -433,7 +433,7 @@ impl Viewport {
         true
     }
 
-    /// What is at a point of the window, and from where the light comes that it mirrors to the eye, in the world.
+    /// Place under a point of the window, and the direction that it mirrors to the eye, in the world.
     fn mirrored_at(&self, session: &mut Session, at: Pos2) -> Option<[DVec3; 2]> {
         let (object, pick) = self.picked(session, at)?;
         let (camera, ..) = self.camera_at(session, at)?;
@@ -572,7 +572,7 @@ impl Viewport {
         ui.request_repaint();
     }
 
-    /// Whether a place is on the line between before and after.
+    /// True for a place on the line between before and after.
     fn is_on_wipe(&self, session: &Session, at: Option<Pos2>) -> bool {
         let line = self.rect.left() + session.project.scene.wipe * self.rect.width();
         let is_split = session.project.scene.view == View::Split;

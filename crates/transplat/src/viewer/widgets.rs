@@ -180,7 +180,7 @@ fn parse(text: &str) -> Option<f64> {
     text.parse().ok().filter(|v: &f64| v.is_finite())
 }
 
-/// What is seldom wanted, folded away.
+/// Folds away what is seldom wanted.
 pub fn advanced<R>(ui: &mut Ui, contents: impl FnOnce(&mut Ui) -> R) {
     egui::CollapsingHeader::new(tr("Advanced")).show(ui, contents);
 }
@@ -196,7 +196,7 @@ impl<T> Default for Grab<T> {
 }
 
 impl<T: Copy> Grab<T> {
-    /// What was there at the press, and how far the pointer is from it; `now` is what is there.
+    /// Value at the press, and the pointer's distance from it; `now` is the value now.
     pub fn drag(&mut self, response: &Response, now: T) -> Option<(T, Vec2)> {
         let ends = response.drag_stopped();
         let at = response.interact_pointer_pos();

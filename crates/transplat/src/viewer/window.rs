@@ -14,7 +14,7 @@ use super::tabs::{LightPage, Tab};
 use super::timeline;
 use transplat_engine::language::tr_format;
 
-/// How often work and settings are kept.
+/// Interval at which work and settings are saved.
 const KEEPS_AFTER: Duration = Duration::from_secs(5);
 
 impl eframe::App for Viewer {

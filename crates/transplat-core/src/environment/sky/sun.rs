@@ -40,9 +40,9 @@ pub struct PlaceAndTime {
     pub longitude: f64,
     /// The day.
     pub date: Date,
-    /// What the clock there shows, in hours.
+    /// Local time, in hours.
     pub hour: f64,
-    /// How many hours that clock is ahead of UTC.
+    /// Offset of that clock from UTC, in hours.
     #[serde(default)]
     pub utc_offset: f64,
 }
@@ -51,7 +51,7 @@ pub struct PlaceAndTime {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Date {
-    /// Of our era.
+    /// Year of our era.
     pub year: i32,
     /// From 1.
     pub month: u32,
@@ -117,7 +117,7 @@ const OFFSETS: std::ops::RangeInclusive<f64> = -14.0..=14.0;
 /// Seconds that terrestrial time is ahead of the earth's turn, as of the 2020s.
 const DELTA_T: f64 = 69.0;
 
-/// Of the sun, in kelvin, and radius of its disc in degrees.
+/// Temperature of the sun in kelvin, and radius of its disc in degrees.
 const KELVIN: f64 = 5778.0;
 pub(super) const RADIUS: f64 = 0.2665;
 
@@ -192,7 +192,7 @@ impl Sun {
 }
 
 impl PlaceAndTime {
-    /// See [`Sun::angles`].
+    /// Angles of the sun over the horizon. See [`Sun::angles`].
     fn seen(&self) -> Option<[f64; 2]> {
         let Date { year, month, day } = self.date;
         let midnight = JulianDate::from_utc(year, month, day, 0, 0, 0.0, DELTA_T).ok()?;
@@ -267,7 +267,7 @@ pub(super) fn irradiance(elevation: f64, turbidity: f64) -> [f64; 3] {
     rgb.map(|e| share * e)
 }
 
-/// What ozone absorbs at a wavelength, per centimetre.
+/// Absorption by ozone at a wavelength, per centimetre.
 fn ozone(nm: f64) -> f64 {
     let after = OZONE.partition_point(|[at, _]| *at < nm);
     match after {

@@ -9,7 +9,7 @@ use super::frame::{CameraFile, CameraFrame, Offsets, UNSEEN};
 use crate::error::{Error, Result};
 use crate::files::read::read_all;
 
-/// What the file of pictures is called.
+/// Names of the file of images.
 pub const IMAGES: [&str; 2] = ["images.bin", "images.txt"];
 
 const CAMERAS: [&str; 2] = ["cameras.bin", "cameras.txt"];

@@ -12,9 +12,9 @@ use crate::surfels::{SurfelCloud, is_faint};
 pub struct CameraFile {
     /// At least one, in the file's order; COLMAP's by the names of their pictures.
     pub frames: Vec<CameraFrame>,
-    /// What of it this program's cameras cannot be, for the user.
+    /// Warnings of properties that this program's cameras lack.
     pub warnings: Vec<String>,
-    /// Whether any of them sees anything of the splat that they were placed for.
+    /// True where any camera sees anything of the splat that they were placed for.
     pub sees: bool,
     /// Where it was read.
     pub path: PathBuf,
@@ -120,7 +120,7 @@ impl CameraFile {
 }
 
 impl CameraFrame {
-    /// The same camera elsewhere, its axes of unit length.
+    /// Camera in other coordinates, its axes of unit length.
     fn placed(&self, there_from_here: DAffine3) -> Self {
         if there_from_here == DAffine3::IDENTITY {
             return self.clone();
@@ -133,7 +133,7 @@ impl CameraFrame {
         }
     }
 
-    /// Whether a place is in its image.
+    /// True where a place is in its image.
     fn sees(&self, place: DVec3) -> bool {
         let [x, y, depth] = {
             let local = self.world_from_camera.inverse().transform_point3(place);
@@ -145,7 +145,7 @@ impl CameraFrame {
     }
 }
 
-/// How far lenses are from the pinhole with its axis in the middle that cameras are here.
+/// Offsets of lenses from the pinhole with its axis in the middle that cameras are here.
 #[derive(Default)]
 pub struct Offsets {
     /// Share of the picture's width.
@@ -173,7 +173,7 @@ impl Offsets {
         self.other.get_or_insert((model.to_owned(), fov_x));
     }
 
-    /// What is to be told of a file's lenses.
+    /// Warnings of a file's lenses.
     pub fn warnings(&self, path: &Path) -> Vec<String> {
         let mut told = Vec::new();
         if let Some((model, fov_x)) = &self.other {

@@ -12,7 +12,7 @@ use crate::files::decode;
 use crate::files::read::read_all;
 use crate::files::write::folder_of;
 
-/// What nerfstudio did to the cameras before it trained, in a file beside theirs.
+/// File of nerfstudio's transform of the cameras before training, beside theirs.
 const DATAPARSER: &str = "dataparser_transforms.json";
 
 #[derive(Deserialize)]
@@ -76,7 +76,7 @@ struct Lens {
 }
 
 impl Lens {
-    /// The same where it says nothing of some, as all say.
+    /// Fills missing values from those of all frames.
     fn or(self, all: &Self) -> Self {
         // Of a field of view whichever a frame has itself counts.
         let all_of_view = match self.has_view() {
@@ -214,7 +214,7 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<CameraFile> {
     })
 }
 
-/// What nerfstudio trained in, of the cameras of its data.
+/// Transform of the cameras that nerfstudio trained in.
 fn dataparser(path: &Path) -> Option<Placement> {
     let text = path.is_file().then(|| read_all(path, MOST_BYTES).ok())??;
     let Dataparser { transform, scale } = decode::json(&text).ok()?;

@@ -48,7 +48,7 @@ fn without_nan(text: &[u8]) -> Option<Vec<u8>> {
     found.then_some(out)
 }
 
-/// What the parser says, for somebody who wrote the file or has it from a program.
+/// Error of the parser, for somebody who wrote the file or has it from a program.
 fn in_words(error: &serde_json::Error) -> String {
     let place = match error.line() {
         0 => String::new(),
@@ -112,7 +112,7 @@ fn of_data(said: &str) -> String {
     said.to_owned()
 }
 
-/// What a value is called.
+/// Name of a kind of value.
 fn kind(parsers: &str) -> String {
     let quoted = || parsers.split('`').nth(1);
     match parsers {

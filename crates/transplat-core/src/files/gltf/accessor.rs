@@ -33,7 +33,7 @@ impl BufferView {
     }
 }
 
-/// What the numbers of a part of a buffer are.
+/// Number format of a part of a buffer.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Accessor {
@@ -104,7 +104,7 @@ pub(super) struct Column<'a> {
     stride: usize,
     component: Component,
     normalized: bool,
-    /// How many values.
+    /// Number of values.
     pub count: usize,
     /// Numbers of a value.
     pub width: usize,

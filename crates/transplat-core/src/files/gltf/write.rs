@@ -12,7 +12,7 @@ use crate::sh::{SQRT_4PI, coefficient_count};
 
 const F32: u32 = 5126;
 
-/// Of a vertex buffer.
+/// Target of a vertex buffer.
 const ARRAY_BUFFER: u32 = 34962;
 
 /// Writes a splat.

@@ -33,11 +33,11 @@ pub fn size(path: &Path) -> Result<[usize; 2]> {
 }
 
 struct Header {
-    /// What stored values must be divided by to be radiance again, a colour.
+    /// Divisor of stored values that yields radiance, by channel.
     exposure: [f32; 3],
     xyz: bool,
     primaries: Option<Chromaticities>,
-    /// What of it was ignored, for the user.
+    /// Remarks on what was ignored, for the user.
     warnings: Vec<String>,
     /// Scanlines, and pixels in each.
     scanlines: usize,

@@ -11,7 +11,7 @@ pub struct Chromaticities {
     pub white: DVec2,
 }
 
-/// Those of Rec. 709 and sRGB, with the white of daylight at 6504 K.
+/// Primaries of Rec. 709 and sRGB, with the white of daylight at 6504 K.
 pub const REC_709: Chromaticities = Chromaticities {
     red: DVec2::new(0.64, 0.33),
     green: DVec2::new(0.30, 0.60),

@@ -3,14 +3,14 @@
 /// The colour that a property is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum ColorOf {
-    /// Of a channel, an SH coefficient.
+    /// SH coefficient of a channel.
     Sh(usize, usize),
     /// A channel as it is shown, and nothing else: where there is no SH.
     Shown(usize),
 }
 
 impl ColorOf {
-    /// What a property of that name is in a file of so many coefficients; in the file, all of red's higher ones come first, then green's, then
+    /// Colour that a property of that name is in a file of so many coefficients; in the file, all of red's higher ones come first, then green's, then
     /// blue's.
     pub(super) fn of_name(name: &str, coefficients: usize, has_sh: bool) -> Option<Self> {
         let number = |prefix: &str| name.strip_prefix(prefix)?.parse::<usize>().ok();

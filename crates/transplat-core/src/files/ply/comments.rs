@@ -16,7 +16,7 @@ pub(super) fn says_antialiased(comment: &str) -> bool {
     )
 }
 
-/// What its comments say.
+/// Up axis of its comments.
 pub(super) fn up_of(header: &Header) -> Option<UpAxis> {
     (header.comments.iter()).find_map(|comment| up_axis_of(comment))
 }

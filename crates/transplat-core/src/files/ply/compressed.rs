@@ -31,14 +31,14 @@ const SH_SPAN: f32 = 8.0;
 /// Logarithms of scales beyond this are held to it.
 const MAX_LOG: f32 = 20.0;
 
-/// What a chunk's values lie between: by name, least and greatest.
+/// Names of the bounds of a chunk's values, least and greatest.
 const RANGES: [[&str; 3]; 3] = [
     ["x", "y", "z"],
     ["scale_x", "scale_y", "scale_z"],
     ["r", "g", "b"],
 ];
 
-/// What the values of a chunk lie between: positions, logarithms of scales, colours. `[3][x y z]` least and greatest
+/// Bounds of a chunk's values: positions, logarithms of scales, colours. `[3][x y z]` least and greatest
 type Chunk = [[[f32; 2]; 3]; 3];
 
 /// Reads a splat whose header is that, from a file of so many bytes.
@@ -213,7 +213,7 @@ fn coefficient_byte(value: f32) -> u8 {
     ((value / SH_SPAN + 0.5) * 256.0).clamp(0.0, 255.0) as u8
 }
 
-/// What is packed of a Gaussian within the ranges of its chunk.
+/// Values of a Gaussian that are packed within the bounds of its chunk.
 fn packed_values(g: &Gaussian<'_>) -> [[f32; 3]; 3] {
     let logs = g.log_scales.map(|l| l.clamp(-MAX_LOG, MAX_LOG));
     [g.position.map(|v| v as f32), logs, g.sh[0].map(color_of_dc)]
@@ -281,7 +281,7 @@ pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std:
     })
 }
 
-/// What the values of those lie between.
+/// Bounds of the values of some Gaussians.
 fn chunk_of<'a>(gaussians: impl Iterator<Item = Gaussian<'a>>) -> Chunk {
     let mut chunk = [[[f32::INFINITY, f32::NEG_INFINITY]; 3]; 3];
     for gaussian in gaussians {

@@ -5,7 +5,7 @@ use std::io::{BufRead, Seek, SeekFrom};
 /// A header longer than this is no header.
 const MAX_HEADER_BYTES: usize = 1 << 20;
 
-/// How the rows are written.
+/// Encoding of the rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Format {
     Ascii,
@@ -50,7 +50,7 @@ impl ScalarType {
         }
     }
 
-    /// What an integer has for 1 where it stands for a share, as in colours; of a float, 1.
+    /// Integer that stands for 1 where it is a share, as in colours; of a float, 1.
     pub(crate) fn most(self) -> f32 {
         match self {
             Self::I8 => f32::from(i8::MAX),
@@ -67,7 +67,7 @@ impl ScalarType {
         matches!(self, Self::F32 | Self::F64)
     }
 
-    /// The same as [`ScalarType::read`] in double precision.
+    /// Reads a number in double precision. See [`ScalarType::read`].
     pub(crate) fn read_f64(self, bytes: &[u8], big_endian: bool) -> f64 {
         match self {
             Self::F64 => f64::from_le_bytes(array(bytes, big_endian)),
@@ -141,7 +141,7 @@ pub(crate) struct Element {
     pub properties: Vec<Property>,
     /// Binary bytes of a row, without lists.
     pub stride: usize,
-    /// What a row is made of, in its order, where it has lists: the type of a list's length, and the type of what is there.
+    /// Parts of a row in its order, where it has lists: the type of a list's length, and the type of its values.
     lists: Vec<(Option<ScalarType>, ScalarType)>,
     has_list: bool,
 }
@@ -184,7 +184,7 @@ impl Element {
     }
 }
 
-/// What the header says, with the vertex element picked out.
+/// Header of a file, with the vertex element picked out.
 #[derive(Clone, Debug)]
 pub(crate) struct Header {
     pub format: Format,
@@ -213,7 +213,7 @@ impl Header {
         self.format == Format::BigEndian
     }
 
-    /// Whether a file of so many bytes holds all that comes after the vertices, which is where the reader is.
+    /// True where a file of so many bytes holds all that comes after the vertices, which is where the reader is.
     pub(crate) fn is_whole(&self, reader: &mut (impl BufRead + Seek), file_bytes: u64) -> bool {
         if self.format == Format::Ascii {
             let rows = self.after.iter().map(|e| e.count);

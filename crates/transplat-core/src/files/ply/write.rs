@@ -14,7 +14,7 @@ pub(in crate::files) struct ColorColumns<'a> {
     report: &'a AssetReport,
     /// The surfel that each row is, if it is written.
     surfel_of_row: &'a [u32],
-    /// How many rows are.
+    /// Number of rows.
     written: usize,
     /// `[n][K][3]`
     stored: &'a [[f32; 3]],

@@ -14,7 +14,7 @@ use crate::surfels::UpAxis;
 pub struct Light {
     /// For the user.
     pub name: String,
-    /// Whether it shines.
+    /// True where it shines.
     pub on: bool,
     /// Where any light is solo, only those that are shine, and no environment.
     pub solo: bool,
@@ -24,13 +24,13 @@ pub struct Light {
     pub tint: [f32; 3],
     /// Colour of a black body of that temperature, on top; none is white.
     pub kelvin: Option<f32>,
-    /// What it goes along with where that is moved.
+    /// Parent that it moves along with.
     pub fixed_to: FixedTo,
     /// Where it is, in the Z-up world and the objects' unit, and what it emits, linear RGB in the unit of the pictures.
     pub source: LightSource,
 }
 
-/// What a light goes along with. Where it stands is said in the world's coordinates all the same.
+/// Parent of a light. Its place is in the world's coordinates all the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FixedTo {
@@ -44,7 +44,7 @@ pub enum FixedTo {
 }
 
 impl FixedTo {
-    /// The same once an object is taken out of the scene.
+    /// Parent once an object is taken out of the scene.
     #[must_use]
     pub fn without_object(self, gone: usize) -> Self {
         match self {
@@ -64,7 +64,7 @@ pub enum LightSource {
         to_light: DVec3,
         /// On a surface that faces it, W/m².
         irradiance: [f32; 3],
-        /// How wide it is seen, in degrees; the sun's is 0.53. At 0 its shadows are crisp.
+        /// Angular diameter, in degrees; the sun's is 0.53. At 0 its shadows are crisp.
         angle_deg: f64,
     },
     /// All around from a point.
@@ -84,9 +84,9 @@ pub enum LightSource {
         intensity: [f32; 3],
         /// Angle from the axis from which on it has no light, in degrees.
         cutoff_deg: f64,
-        /// And up to which it has all; between them it falls with the angle.
+        /// Angle up to which it has all; between them it falls with the angle.
         beam_deg: f64,
-        /// How far from it what it shines at is, along its direction; none where that is not told.
+        /// Distance to its target along its direction; none where that is not set.
         reach: Option<f64>,
     },
     /// A soft box.
@@ -99,7 +99,7 @@ pub enum LightSource {
         normal: DVec3,
         /// W/m²/sr.
         radiance: [f32; 3],
-        /// How far from it what it shines at is, along its direction; none where that is not told.
+        /// Distance to its target along its direction; none where that is not set.
         reach: Option<f64>,
     },
     /// A round one.
@@ -112,7 +112,7 @@ pub enum LightSource {
         normal: DVec3,
         /// W/m²/sr.
         radiance: [f32; 3],
-        /// How far from it what it shines at is, along its direction; none where that is not told.
+        /// Distance to its target along its direction; none where that is not set.
         reach: Option<f64>,
     },
 }
@@ -139,13 +139,13 @@ impl Light {
         }
     }
 
-    /// What its emission is multiplied by.
+    /// Factor of its emission.
     pub fn gain(&self) -> [f32; 3] {
         let colored = self.kelvin.map_or([1.0; 3], black_body);
         std::array::from_fn(|c| self.tint[c] * colored[c] * self.strength.exp2())
     }
 
-    /// Whether it comes from one direction alone, without a disc.
+    /// True where it comes from one direction alone, without a disc.
     pub fn is_beam(&self) -> bool {
         matches!(self.source, LightSource::Directional { angle_deg, .. } if angle_deg == 0.0)
     }

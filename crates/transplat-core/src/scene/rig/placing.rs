@@ -29,7 +29,7 @@ impl LightKind {
         Self::Disc,
     ];
 
-    /// What a file calls it.
+    /// Name in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Directional => "directional",
@@ -64,7 +64,7 @@ pub struct Placed {
 /// Diameter of the sun's disc, in degrees.
 pub const SUN_DEG: f64 = 0.53;
 
-/// How far a spot's cone reaches beyond what it is to light, and where its edge begins, relative to it.
+/// Factors of a spot's cone over its target, and of its inner cone.
 const CONE: f64 = 1.3;
 const BEAM: f64 = 0.7;
 
@@ -138,7 +138,7 @@ impl Light {
 }
 
 impl LightSource {
-    /// Which kind it is.
+    /// Kind of the light.
     pub fn kind(&self) -> LightKind {
         match self {
             Self::Directional { .. } => LightKind::Directional,
@@ -177,7 +177,7 @@ impl LightSource {
         }
     }
 
-    /// What it emits, in its kind's unit.
+    /// Emission, in its kind's unit.
     pub fn emission(&self) -> [f32; 3] {
         match self {
             Self::Directional { irradiance, .. } => *irradiance,
@@ -186,7 +186,7 @@ impl LightSource {
         }
     }
 
-    /// See [`LightSource::emission`].
+    /// Emission, to be changed. See [`LightSource::emission`].
     pub fn emission_mut(&mut self) -> &mut [f32; 3] {
         match self {
             Self::Directional { irradiance, .. } => irradiance,
@@ -195,7 +195,7 @@ impl LightSource {
         }
     }
 
-    /// How far from it what it shines at is, where that is told.
+    /// Distance to its target, where that is set.
     pub fn reach(&self) -> Option<f64> {
         match self {
             Self::Directional { .. } | Self::Point { .. } => None,
@@ -342,7 +342,7 @@ fn upright(direction: DVec3) -> [DVec3; 2] {
     [right, right.cross(direction)]
 }
 
-/// The same as the axes of a level frame.
+/// Axes of a level frame.
 fn frame(direction: DVec3) -> DMat3 {
     let [right, up] = upright(direction);
     DMat3::from_cols(right, up, direction)

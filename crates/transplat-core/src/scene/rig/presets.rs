@@ -20,12 +20,12 @@ pub enum RigPreset {
     ProductTable,
 }
 
-/// What a rig lights: the middle and the radius of it in the Z-up world, and the azimuth that it is seen from, in degrees.
+/// Target of a rig: its middle and radius in the Z-up world, and the azimuth that it is seen from, in degrees.
 #[derive(Clone, Copy, Debug)]
 pub struct Lit {
     /// The middle.
     pub center: DVec3,
-    /// How far it reaches from there.
+    /// Radius from there.
     pub radius: f64,
     /// Where the camera is.
     pub seen_from: f64,

@@ -28,21 +28,21 @@ pub(super) fn planes(values: impl Iterator<Item = [f32; 3]> + Clone) -> Planes {
 /// A colour of a surfel's front, and one of its back.
 pub type FrontAndBack = [[f32; 3]; 2];
 
-/// What a surfel radiates on its front and its back: padded, since rays that bounce meet surfels far from each other in memory.
+/// Radiance of a surfel's front and back: padded, since rays that bounce hit surfels far from each other in memory.
 pub type Radiance = [Vec3A; 2];
 
-/// What of an asset no light changes.
+/// Part of a preparation that no light changes.
 #[derive(Debug)]
 pub struct DirectionalAsset {
     /// Directions that a surfel is seen from, and their matrices.
     pub nodes: Nodes,
-    /// How the asset stores colour.
+    /// Encoding of the stored colour.
     pub encoding: Encoding,
-    /// What blocks the light.
+    /// Visibility of the surfels.
     pub bake: Arc<DirectionalBake>,
     /// Directions of the light, those of the bake.
     pub(super) directions: Vec<Vec3>,
-    /// The same, an axis after the other.
+    /// Normals, an axis after the other.
     pub(super) planes: Planes,
     /// Stored colour. `[n][K]`
     pub sh: SharedSh,
@@ -55,7 +55,7 @@ pub struct DirectionalAsset {
 /// A light as the transfer takes it in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DirectionalLight {
-    /// What shines from around each of the bake's directions, from where most of it does. `[DIRECTIONS]`
+    /// Environment around each of the bake's directions, as samples from where most of it shines. `[DIRECTIONS]`
     pub sky: Vec<Beam>,
     /// Compact sources, at most [`crate::environment::MAX_SUNS`].
     pub suns: Vec<Beam>,
@@ -63,9 +63,9 @@ pub struct DirectionalLight {
     pub emitters: Vec<Emitter>,
     /// Irradiance averaged over all normals, with what fills a channel that the source lacks.
     pub mean: [f32; 3],
-    /// What of its strength the user told: [`crate::environment::Illumination::told_gain`].
+    /// User-set gain of the light: [`crate::environment::Illumination::told_gain`].
     pub told_gain: [f32; 3],
-    /// What is added to all irradiance: epsilon's share, and that filling.
+    /// Irradiance that is added everywhere: epsilon's share, and that filling.
     pub least: [f32; 3],
 }
 
@@ -101,7 +101,7 @@ impl DirectionalAsset {
         }
     }
 
-    /// What some of its surfels are without the others, given what they see then.
+    /// Part of its surfels without the others, given what they see then.
     pub(super) fn part(&self, bake: Arc<DirectionalBake>, surfels: &[usize]) -> Self {
         let k = coefficient_count(self.nodes.degree);
         Self {
@@ -126,7 +126,7 @@ impl DirectionalAsset {
         colors_at(&nodes.evaluate, (nodes, self.encoding), &f)
     }
 
-    /// What each surfel radiates when its colour under the source changes by tau. `[n]`
+    /// Radiance of each surfel when its colour under the source changes by tau. `[n]`
     pub(in crate::transfer) fn radiance<'a>(
         &'a self,
         tau: &'a [FrontAndBack],
@@ -135,7 +135,7 @@ impl DirectionalAsset {
         each.map(|(m, t)| [0, 1].map(|s| Vec3A::from(m[s]) * Vec3A::from(t[s])))
     }
 
-    /// What each surfel radiates as captured. `[n]`
+    /// Radiance of each surfel as captured. `[n]`
     pub(super) fn captured_radiance(&self) -> Vec<Radiance> {
         self.means.iter().map(|m| m.map(Vec3A::from)).collect()
     }

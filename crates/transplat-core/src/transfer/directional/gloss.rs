@@ -42,17 +42,17 @@ pub struct Gloss {
     pub reflectance: [f32; 3],
     /// Exponent of the lobe: 2 to this power.
     pub width: u32,
-    /// Whether the lobe rises towards grazing view, as it does on all but metals.
+    /// True where a Fresnel term raises the lobe towards grazing view, as on all but metals.
     pub rises: bool,
 }
 
 impl Gloss {
-    /// Whether there is none.
+    /// True without a specular lobe.
     pub fn is_matte(&self) -> bool {
         self.reflectance == [0.0; 3]
     }
 
-    /// Whether it shows beside what a surface of that albedo scatters.
+    /// True where it shows beside the diffuse colour of a surface of that albedo.
     fn is_seen(&self, white: f32) -> bool {
         let [r, g, b] = self.reflectance;
         r.max(g).max(b) * peak(self.width) > LEAST_GLOSS * white / PI
@@ -68,7 +68,8 @@ impl Gloss {
     }
 }
 
-/// Finds each surfel's gloss: its colour against what it mirrors of the source light, as the view changes. A regression a surfel that is asked, width and
+/// Finds each surfel's gloss: its colour against what it mirrors of the source light, as the view changes. A regression a surfel that is asked, width
+/// and
 /// channel, pooled over its neighbours and drawn to the mean of the channels. It is looked for on the front, and not on leaves.
 ///
 /// `white` is the asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
@@ -119,7 +120,7 @@ pub(super) fn pooled<const N: usize>(
     surfels.map(|i| means[neighbors.group_of(i)]).collect()
 }
 
-/// What one of `count` surfels counts of all; alike where nothing of any is seen.
+/// Weight of one of `count` surfels; equal where nothing of any is seen.
 fn share_of(prominence: f32, total: f32, count: usize) -> f32 {
     if total > 0.0 {
         prominence / total
@@ -216,8 +217,8 @@ fn regress(
         .collect()
 }
 
-/// Of surfels around one, by how much they make up of what is seen: covariance of what is seen and what the lobe sees, and their variances;
-/// and the three with each surfel's brightness divided out, all channels together.
+/// Sums over surfels around one, by visible weight: covariance of what is seen and what the lobe sees, and their variances; and the three with each
+/// surfel's brightness divided out, all channels together.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     num: [f32; 3],
@@ -231,7 +232,7 @@ fn most_of(mean: f32, mirrored: f32) -> f32 {
     (MOST_GLOSS * mean / mirrored.max(1e-6)).max(0.0)
 }
 
-/// Which of the two each surfel is, and how much of it is believed.
+/// Chooses one of the two lobes for each surfel, and its confidence.
 fn choose(
     asset: &DirectionalAsset,
     (light, radiance): (&Incident<'_>, &[Radiance]),

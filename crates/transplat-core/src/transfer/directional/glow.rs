@@ -16,11 +16,11 @@ const LEAST_LIGHT: f32 = 0.25;
 /// From this many times on what paint explains a surfel glows wholly.
 const CERTAIN: f32 = 1.6;
 
-/// What shines is bright in a picture: display-encoded, in its brightest channel, not at all below and wholly above. With a lower limit of glow
-/// than the usual one less is asked, in proportion.
+/// Display-encoded brightness of the brightest channel at which emission begins and is certain. With a lower limit of emission than the usual one
+/// less is asked, in proportion.
 const BRIGHT: [f32; 2] = [0.75, 0.9];
 
-/// And from everywhere: by how much it may vary over the views, relative to its mean.
+/// Variation over the views, relative to the mean, at which emission is certain and ends.
 const EVEN: [f32; 2] = [0.2, 0.45];
 
 /// Linear colour of white paint in good light, as pictures are exposed: a capture may hold nothing that is white.
@@ -32,7 +32,8 @@ const WELL_LIT: f64 = 0.9;
 /// A colour so pure is twice as little that of a paint, which reflects a few hundredths of all light at its surface.
 const PURE: [f32; 2] = [0.94, 0.99];
 
-/// Where nothing tells what the light was (even light stands in for it), only colours so pure speak of a lamp, and of what is as bright beside them: bright skin and wood in
+/// Where nothing tells what the light was (even light stands in for it), only colours so pure speak of a lamp, and of what is as bright beside them:
+/// bright skin and wood in
 /// the sun look no less bright.
 const LAMPS: [f32; 2] = [0.8, 0.95];
 
@@ -52,9 +53,9 @@ fn well_lit(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
     weighted_quantile(light.collect(), WELL_LIT).map_or(1.0, |e| e.max(1e-6) as f32)
 }
 
-/// How much of each surfel's colour is its own light, 0 to 1, `[n]`, or empty where none is: where any channel of its albedo is `above` times the
-/// whitest one of the asset, it is bright in the pictures and even over the views, and its neighbours are so, too. `trust` is how far the light is
-/// known, 0 to 1.
+/// Share of each surfel's colour that is emission, 0 to 1, `[n]`, or empty where none is: where any channel of its albedo is `above` times the
+/// whitest one of the splat, it is bright in the images and even over the views, and its neighbours are so, too. `trust` is the confidence in the
+/// light, 0 to 1.
 pub(super) fn find_glow(
     asset: &DirectionalAsset,
     divisor: &[FrontAndBack],

@@ -21,7 +21,7 @@ use crate::sh::evaluate_sh;
 /// No light is stronger than that many times the source, so that no sum overflows.
 const MAX_RELATIVE_LIGHT: f32 = 1e12;
 
-/// The same of patches.
+/// Values of patches, by channel.
 type PatchPlanes = [[f32; PATCHES]; 3];
 
 /// Values that are worked on at once.
@@ -29,11 +29,11 @@ const LANES: usize = 16;
 
 /// A light as the surfels of an asset meet it.
 pub(in crate::transfer) struct Incident<'a> {
-    /// What each of them sees.
+    /// Directional visibility of the surfels.
     sight: &'a Sight,
     /// The first of them among those whose radiance is given.
     first: usize,
-    /// What shines from around each direction, from where most of it does.
+    /// Environment around each direction, as samples from where most of it shines.
     sky: Sky,
     /// With the surfels that see them.
     suns: Vec<(Beam, Vec<bool>)>,
@@ -53,13 +53,13 @@ pub(in crate::transfer) struct Incident<'a> {
     pub others: Option<Others>,
 }
 
-/// How the radiance of surfels of other captures is brought to the unit of an object's captured colour.
+/// Units of the radiance of other objects' surfels, in terms of an object's captured colour.
 pub(in crate::transfer) struct Others {
     /// The object's surfels.
     pub own: Range<usize>,
-    /// And those of other objects of its capture.
+    /// Surfels of other objects of its capture.
     pub parts: Vec<Range<usize>>,
-    /// What that of the rest is multiplied by.
+    /// Factor of the radiance of the rest.
     pub gain: f32,
 }
 
@@ -92,7 +92,8 @@ impl Sky {
 }
 
 impl DirectionalAsset {
-    /// Takes a light in, its strength multiplied, of which the user told some. `fill` is what a channel gets of the light's mean that the source lacks.
+    /// Takes a light in, its strength multiplied, of which the user told some. `fill` is what a channel gets of the light's mean that the source
+    /// lacks.
     pub(super) fn light(
         &self,
         (radiance, beams, emitters): (&IncidentRadiance, &Beams, &[Emitter]),
@@ -166,7 +167,7 @@ impl DirectionalAsset {
         light
     }
 
-    /// The same, irradiance left for others to ask.
+    /// Traces the light, without adding up irradiance.
     pub(super) fn met<'a>(
         &'a self,
         light: DirectionalLight,
@@ -214,7 +215,7 @@ impl DirectionalAsset {
             .collect()
     }
 
-    /// Which surfels a sun shines on, on either side where both count. `[n]`
+    /// Surfels that a sun shines on, on either side where both count. `[n]`
     fn seen_from(&self, sun: &Beam, terms: Terms, among: Option<&Surroundings>) -> Vec<bool> {
         let bake = &self.bake;
         if !terms.shadow {
@@ -330,7 +331,7 @@ impl DirectionalAsset {
 }
 
 impl Incident<'_> {
-    /// What the radiance of a surfel that is met is multiplied by.
+    /// Factor of the radiance of a surfel that is hit.
     #[inline(always)]
     fn factor(&self, hit: Hit) -> f32 {
         match &self.others {
@@ -394,7 +395,7 @@ fn open_irradiance<const SIDES: usize>(n: Vec3, open: &[u64; WORDS], sky: &Sky) 
     sums.map(|side| side.map(|lanes| lanes.iter().sum()))
 }
 
-/// What each patch on the front side holds, from where most of it comes.
+/// Light of each patch on the front side, from where most of it comes.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 fn patches(
     n: Vec3,

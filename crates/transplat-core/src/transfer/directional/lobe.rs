@@ -28,7 +28,7 @@ pub fn mirrored(nodes: &Nodes, frame: SurfelFrame, width: u32, rays: &Rays, out:
     }
 }
 
-/// The same by each of [`WIDTHS`], `[WIDTHS][3][Q]`: one lobe is the square of the one before, three and two at once and few nodes, so that their
+/// Evaluates lobes of all [`WIDTHS`], `[WIDTHS][3][Q]`: one lobe is the square of the one before, three and two at once and few nodes, so that their
 /// sums stay in registers.
 pub(super) fn mirrored_by_all(nodes: &Nodes, frame: SurfelFrame, rays: &Rays, out: &mut [f32]) {
     const FEW: usize = 8;
@@ -40,7 +40,7 @@ pub(super) fn mirrored_by_all(nodes: &Nodes, frame: SurfelFrame, rays: &Rays, ou
     }
 }
 
-/// What the first nodes from `start` on mirror by lobes of consecutive widths, `[LOBES][3][Q]`.
+/// Sums the first nodes from `start` on by lobes of consecutive widths, `[LOBES][3][Q]`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 fn sum_lobes<const WIDTH: u32, const LOBES: usize, const NODES: usize>(
     nodes: &Nodes,

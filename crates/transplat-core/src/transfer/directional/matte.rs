@@ -19,7 +19,7 @@ pub const HORIZON: f32 = 0.2;
 /// Added to both encoded brightnesses whose ratio scales the residual.
 pub const RESIDUAL_FLOOR: f32 = 0.02;
 
-/// What a transfer keeps of matte surfels.
+/// Diffuse surfels of a transfer.
 #[derive(Clone, Copy)]
 pub(super) struct Matte<'a> {
     pub asset: &'a DirectionalAsset,
@@ -29,23 +29,23 @@ pub(super) struct Matte<'a> {
     pub residual: &'a ColorRows,
     /// Mean encoded colour that the model has. `[n]`
     pub encoded_mean: &'a [[f32; 3]],
-    /// Whether what the model misses is kept, and whether backs have a light of their own.
+    /// True where the unexplained residual is kept, and true where backs have a light of their own.
     pub with_residual: bool,
     pub with_backs: bool,
 }
 
-/// What [`LANES`] surfels are worked on in.
+/// Scratch for [`LANES`] surfels.
 #[derive(Default)]
 pub(super) struct BackLanes {
     /// Stored colour in the surfels' frames, so that light multiplies it, and what is added to it. `[3][K]` each
     stored: Vec<Lanes>,
     added: Vec<Lanes>,
-    /// What the colour is multiplied by at each height beyond the front's factor. `[3][2 heights]`
+    /// Factor of the colour at each height beyond the front's. `[3][2 heights]`
     factors: Vec<Lanes>,
 }
 
 impl Matte<'_> {
-    /// How much of a surfel's back is seen, where backs count.
+    /// Visible share of a surfel's back, where backs count.
     pub fn two_sided(&self, i: usize) -> f32 {
         if self.with_backs {
             self.asset.bake.two_sided[i]
@@ -172,7 +172,7 @@ fn constant(encoding: Encoding) -> f32 {
     encoding.shift() * SQRT_4PI as f32
 }
 
-/// What the factors by height add to the stored colour: all in the surfels' frames, and back.
+/// Adds the factors by height to the stored colour: all in the surfels' frames, and back.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 fn by_height(nodes: &Nodes, mirrors: [Lanes; 3], lanes: &mut BackLanes) {
     let (degree, k) = (nodes.degree, coefficient_count(nodes.degree));
@@ -196,7 +196,7 @@ pub(super) fn within_range([front, back]: FrontAndBack) -> [f32; 3] {
     std::array::from_fn(|c| back[c].clamp(front[c] / BACK_RANGE, front[c] * BACK_RANGE))
 }
 
-/// How much of the back's change a view sees, from that high over the front.
+/// Share of the back's change in a view from that height over the front.
 pub(super) fn share_of_back(two_sided: f32, height: f32) -> f32 {
     two_sided * smoothstep(-HORIZON, HORIZON, -height)
 }

@@ -5,10 +5,10 @@ use crate::color_rows::{ColorRows, RowMut};
 /// In the place of a row: the colour is what is stored.
 const AS_STORED: u32 = u32::MAX;
 
-/// What gloss leaves of some surfels' colour at the nodes.
+/// Diffuse colour of some surfels at the nodes, the specular lobe subtracted.
 #[derive(Clone, Debug)]
 pub(super) struct MatteColors {
-    /// Which row of `kept` each surfel has. `[n]`
+    /// Row of `kept` of each surfel. `[n]`
     row_of: Vec<u32>,
     /// `[rows][Q]`
     pub kept: ColorRows,
@@ -30,7 +30,7 @@ impl MatteColors {
         (row != AS_STORED).then(|| self.kept.row(row as usize, read))
     }
 
-    /// Those of all surfels, to be set. `[n]`
+    /// Rows of all surfels, to be set. `[n]`
     pub fn rows_mut(&mut self) -> Vec<Option<RowMut<'_>>> {
         let mut rows = self.kept.rows_mut().into_iter();
         let each = self.row_of.iter();
@@ -38,7 +38,7 @@ impl MatteColors {
             .collect()
     }
 
-    /// Those of some surfels.
+    /// Colours of some surfels.
     pub fn selected(&self, surfels: &[usize]) -> Self {
         let kept: Vec<usize> = (surfels.iter().map(|i| self.row_of[*i]))
             .filter(|row| *row != AS_STORED)
@@ -51,13 +51,13 @@ impl MatteColors {
         }
     }
 
-    /// What it takes.
+    /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         size_of_val(&self.row_of[..]) + self.kept.bytes()
     }
 }
 
-/// Which row each has, if it has one, and how many rows there are.
+/// Row of each surfel, if it has one, and the number of rows.
 fn numbered(is_kept: impl Iterator<Item = bool>) -> (Vec<u32>, usize) {
     let mut rows = 0;
     let row_of = is_kept.map(|is_kept| {

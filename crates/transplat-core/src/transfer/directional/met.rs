@@ -4,17 +4,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::environment::Shape;
 
-/// What a light does to the surfels of an asset, for an emission of 1.
+/// Visibility of a light from the surfels of a splat, for an emission of 1.
 #[derive(Debug)]
 pub struct Met {
     pub shape: Shape,
-    /// Of the front and the back. `[n]`
+    /// Irradiance of the front and the back. `[n]`
     pub irradiance: Vec<[f32; 2]>,
-    /// How much of each of its parts the front sees, 0 to 1. `[n][parts]`
+    /// Visible share of each of its parts from the front, 0 to 1. `[n][parts]`
     pub seen: Vec<f32>,
 }
 
-/// What lights did that an asset met last.
+/// Cache of the lights' visibility, by the last that were traced.
 #[derive(Debug, Default)]
 pub struct LastMet(Mutex<Vec<Arc<Met>>>);
 

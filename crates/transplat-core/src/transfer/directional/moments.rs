@@ -16,27 +16,27 @@ pub struct Moments {
     pub variance: [f32; 3],
 }
 
-/// Those of all lobes, as they are and as they rise.
+/// Moments of all lobes, without and with Fresnel term.
 pub type AllMoments = [[Moments; WIDTHS.len()]; 2];
 
-/// What a surfel's colour is held against its lobes in.
+/// Scratch for comparing a surfel's colour with its lobes.
 #[derive(Default)]
 pub struct Held {
-    /// What shines on it.
+    /// Light that shines on it.
     pub rays: Rays,
     /// Mirrored by each lobe. `[WIDTHS][3][Q]`
     mirrored: Vec<f32>,
-    /// The same of one lobe, channels together. `[Q]`
+    /// Colour of one lobe, channels together. `[Q]`
     lit: Vec<[f32; 3]>,
     /// [`Nodes::moments`] of that. `[2][K]`
     of_lit: Vec<[f32; 3]>,
-    /// How much the colour is off its mean, by weight, and what that is to values at the nodes. `[Q]`
+    /// Deviation of the colour from its mean, by weight, as values at the nodes. `[Q]`
     off: Vec<[f32; 3]>,
     toward: Vec<[f32; 3]>,
 }
 
 impl Held {
-    /// What one lobe shows on the mean, as it is or as it rises; `rays` are set.
+    /// Mean of one lobe, without or with Fresnel term; `rays` are set.
     pub fn mean(
         &mut self,
         (nodes, frame): (&Nodes, SurfelFrame),
@@ -56,7 +56,8 @@ impl Held {
         })
     }
 
-    /// Moments of a colour `[Q]` of that mean and each lobe, as it is and as it rises, as far as a function of the asset's degree can show it, and the
+    /// Moments of a colour `[Q]` of that mean and each lobe, as it is and as it rises, as far as a function of the asset's degree can show it, and
+    /// the
     /// colour's variance; `rays` are set.
     pub fn moments(
         &mut self,

@@ -27,7 +27,7 @@ pub struct NearLight {
     met: Arc<Met>,
 }
 
-/// What is done for the shadows of lights of one's own.
+/// Effort for the shadows of placed lights.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Tracing {
     /// They are traced, of a light that was not there before; by all rays, or as many as it takes.
@@ -38,12 +38,12 @@ pub enum Tracing {
     None,
 }
 
-/// What a surfel's rays to a light add up to, by side.
+/// Sums over a surfel's shadow rays to a light, by side.
 #[derive(Clone, Copy, Default)]
 struct Sums {
-    /// Of what is seen, and of all, the cosine counted.
+    /// Visible and whole light by side, cosine-weighted.
     sides: [[f32; 2]; 2],
-    /// The same of each part, the cosine not counted, on the front.
+    /// Visible and whole light of each part on the front, not cosine-weighted.
     parts: [[f32; 2]; MOST_PARTS],
 }
 
@@ -53,12 +53,12 @@ const MANY: usize = 2 * FEW;
 /// Surfels that follow each other, all of which are taken for crossed by an edge where one is.
 const BESIDE: usize = 4;
 
-/// Which of a light's squares the rays of a surfel go to.
+/// Squares of a light that the rays of a surfel go to.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Squares {
     /// The few large ones.
     Few,
-    /// Of the quarters of each of them those three that its ray did not go to.
+    /// Three quarters of each square that its first ray did not go to.
     Rest,
 }
 
@@ -79,7 +79,7 @@ impl Squares {
         }
     }
 
-    /// Which sample of how many along each edge the `k`th is for a surfel, and where in its square.
+    /// Square and position in it of a surfel's `k`th sample.
     fn sample(self, k: usize, shift: [f32; 2]) -> ((usize, usize), [f32; 2]) {
         if self == Self::Few {
             return ((k, FEW), shift);
@@ -94,8 +94,8 @@ impl Squares {
     }
 }
 
-/// How far a sample is moved from surfel to surfel within each square of its disc, so that neighbours see other places of it and together all:
-/// the first two powers of one over the plastic number (Roberts 2018).
+/// Shift of a sample from surfel to surfel within each square of its disc, so that neighbours see other places of it and together all: the first two
+/// powers of one over the plastic number (Roberts 2018).
 const SHIFTS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
 
 fn shift_of(place: usize) -> [f32; 2] {
@@ -144,7 +144,7 @@ impl DirectionalAsset {
         near
     }
 
-    /// What of a light each surfel sees.
+    /// Traces shadow rays from each surfel to a light.
     fn trace_light(&self, shape: &Shape, tracing: Tracing, among: Option<&Surroundings>) -> Met {
         let (is_shadowed, every) = match tracing {
             Tracing::Done { all } => (true, all),
@@ -207,7 +207,7 @@ impl DirectionalAsset {
         }
     }
 
-    /// The same of [`PACKET`] at most.
+    /// Traces shadow rays of [`PACKET`] surfels at most.
     fn trace_batch(
         &self,
         (shape, squares): (&Shape, Squares),
@@ -270,7 +270,7 @@ impl Sums {
         }
     }
 
-    /// Whether some of the samples on a side are seen, and some are not.
+    /// True where some of the samples on a side are visible, and some are not.
     fn are_mixed(&self) -> bool {
         (self.sides.iter()).any(|[seen, all]| *seen > 0.0 && *seen < (1.0 - 1e-4) * all)
     }
@@ -280,12 +280,12 @@ impl Sums {
 #[derive(Default)]
 struct Scratch {
     rays: Vec<(RayStart, Vec3, f32)>,
-    /// Which of the surfels they are of, on which side, with what they count.
+    /// Surfel, side and weights of each ray.
     whose: Vec<(usize, usize, f32, f32)>,
     stack: Stack,
 }
 
-/// Which rays nothing blocks.
+/// True for each ray that nothing blocks.
 fn unblocked(
     own: &Tracer,
     among: Option<&Surroundings>,
@@ -300,7 +300,7 @@ fn unblocked(
     open
 }
 
-/// What of all is seen.
+/// Visible share of the whole.
 fn share([seen, all]: [f32; 2]) -> f32 {
     if all > 0.0 { seen / all } else { 0.0 }
 }
@@ -315,7 +315,7 @@ impl NearLight {
         }
     }
 
-    /// What its parts shine on the front of surfel `i`, as rays.
+    /// Light of its parts on the front of surfel `i`, as rays.
     pub(super) fn beams(
         &self,
         asset: &DirectionalAsset,

@@ -8,7 +8,7 @@ use crate::nearest::{Nearest, grouped, nearest_to};
 /// Surfels around one that its gloss is pooled over.
 pub(crate) const NEIGHBORS: usize = 64;
 
-/// Of more surfels than so many, those that lie together share their neighbours.
+/// Surfels from which on those that lie together share their neighbours.
 const EACH_OWN: usize = 1 << 12;
 
 /// So many that are asked do.
@@ -18,14 +18,14 @@ const TOGETHER: usize = 8;
 /// 250,000 98.4 %; what is found instead is 0.8 and 0.3 % farther.
 const LOOKED_AT: usize = 256;
 
-/// Of so many surfels each is asked; of more one in two to [`FEWEST_ASKED`].
+/// Surfels up to which each takes part; of more one in two to [`FEWEST_ASKED`].
 const ALL_ASKED: usize = 1 << 17;
 
 /// One in so many surfels is asked, at least.
 const FEWEST_ASKED: usize = 4;
 
-/// What that was measured to change of the relit colour of single surfels (relative L2): 2 to 12 % on six objects of 240,000, most of it 4 to 6, of which
-/// the truth gets nearer.
+/// Error of the relit colour of single surfels (relative L2) by sharing: 2 to 12 % on six objects of 240,000, most of it 4 to 6, of which the truth
+/// gets nearer.
 pub(super) const SHARED_GLOSS_ERROR: f32 = 0.12;
 
 /// The surfels nearest to each in place and normal: probably of the same stuff.
@@ -34,19 +34,19 @@ pub(super) const SHARED_GLOSS_ERROR: f32 = 0.12;
 /// neighbours as else are then a little farther.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Neighbors {
-    /// Of one group of surfels that share them after the other: those nearest to the group, its own among them.
+    /// Neighbours of one group after the other: those nearest to the group, its own among them.
     all: Vec<u32>,
     /// Where in `all` each group's end.
     ends: Vec<u32>,
-    /// Which one a surfel is of, `[n]`.
+    /// Group of each surfel, `[n]`.
     group_of: Vec<u32>,
-    /// Those that are asked: only they are anyone's neighbours.
+    /// Surfels that take part: only they are anyone's neighbours.
     asked: Vec<u32>,
     /// Where in `asked` each is, or [`NOT_ASKED`]. `[n]`
     place_of: Vec<u32>,
 }
 
-/// Of so many surfels one in how many is asked.
+/// Stride of the surfels that take part, of so many.
 pub(super) fn asked_one_in(surfels: usize) -> usize {
     surfels.div_ceil(ALL_ASKED).clamp(1, FEWEST_ASKED)
 }
@@ -138,7 +138,7 @@ impl Neighbors {
         &self.asked
     }
 
-    /// Which of them surfel `i` is, if it is asked.
+    /// Index of surfel `i` among those that take part.
     pub fn place_of(&self, i: usize) -> Option<usize> {
         let place = self.place_of[i];
         (place != NOT_ASKED).then_some(place as usize)
@@ -149,19 +149,19 @@ impl Neighbors {
         &self.all[start as usize..self.ends[group] as usize]
     }
 
-    /// Those of each group, its own among them, in parallel.
+    /// Neighbours of each group, its own among them, in parallel.
     pub fn of_groups(&self) -> impl IndexedParallelIterator<Item = &[u32]> {
         (0..self.ends.len())
             .into_par_iter()
             .map(|group| self.of_group(group))
     }
 
-    /// Which group surfel `i` is of.
+    /// Group of surfel `i`.
     pub fn group_of(&self, i: usize) -> usize {
         self.group_of[i] as usize
     }
 
-    /// Those around surfel `i`, itself left out.
+    /// Neighbours of surfel `i`, itself left out.
     pub fn of(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
         let around = self.of_group(self.group_of(i));
         around.iter().map(|j| *j as usize).filter(move |j| *j != i)

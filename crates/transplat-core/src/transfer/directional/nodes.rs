@@ -12,8 +12,8 @@ use crate::sh::{
     MAX_COEFFICIENTS, Mirror, Real, coefficient_count, evaluate_basis, gauss_legendre,
 };
 
-/// What the fit adds to each coefficient above the DC, as a share of the constant function's weight: it settles what the visible
-/// hemisphere leaves open.
+/// Ridge of the fit on each coefficient above the DC, as a share of the constant function's weight: it settles what the visible hemisphere leaves
+/// open.
 pub const FIT_RIDGE: f64 = 0.02;
 
 /// Weight of a grazing direction in the fit, beside the cosine by which the others count.
@@ -41,22 +41,22 @@ pub struct Nodes {
     pub evaluate: Vec<f32>,
     /// The least-squares fit of values at the nodes. `[Q][K]`
     pub fit: Vec<f32>,
-    /// What the fit of values has at the nodes. `[Q][Q]`, values first
+    /// Fitted values at the nodes. `[Q][Q]`, values first
     pub refit: Vec<f32>,
-    /// What values at the nodes come to as the colour's degree shows them: their weighted mean, then K - 1 numbers whose squares add up to their
-    /// variance; and the same of values that rise towards grazing view. `[Q][2][K]`, values first
+    /// Moments of values at the nodes as the colour's degree shows them: their weighted mean, then K - 1 numbers whose squares add up to their
+    /// variance; and those of values with Fresnel term. `[Q][2][K]`, values first
     pub moments: Vec<f32>,
-    /// What a weighted deviation at the nodes is multiplied by to be summed with values there, so that this is their covariance with what the
-    /// values are shown as, less its mean; and with those that rise. `[Q][2][Q]`
+    /// Factors of a weighted deviation at the nodes that make its sum with values there their covariance with how the values are shown, less its
+    /// mean; and with Fresnel term. `[Q][2][Q]`
     pub covariance: Vec<f32>,
     /// Factor on a coated surface's lobe, which rises towards grazing view. `[Q]`
     pub rise: Vec<f32>,
-    /// The same directions on the back. `[K][Q]`
+    /// Basis functions in the same directions on the back. `[K][Q]`
     pub evaluate_back: Vec<f32>,
     /// Projection of values at the nodes of the front, and of the back. `[Q][K]` each
     pub project: [Vec<f32>; 2],
-    /// What a factor on the nodes of a height, those of the front before those of the back, makes of a function: a number for each pair of
-    /// bands l <= l' of each order m >= 0, in [`Nodes::bands`]' order. `[pairs][2 heights]`
+    /// Product of a function with a factor on the nodes of a height, those of the front before those of the back: a number for each pair of bands l
+    /// <= l' of each order m >= 0, in [`Nodes::bands`]' order. `[pairs][2 heights]`
     by_height: Vec<f32>,
 }
 
@@ -180,8 +180,8 @@ impl Nodes {
         self.to_camera.iter().step_by(azimuths).map(|d| d.z)
     }
 
-    /// What a function `[K]` in the surfel's frame becomes when it is multiplied by a factor that depends on the height alone, those of the
-    /// front before those of the back, added to `out`. Nodes of a height are as many as it takes for orders not to mix.
+    /// Multiplies a function `[K]` in the surfel's frame by a factor that depends on the height alone, those of the front before those of the back,
+    /// and adds it to `out`. Nodes of a height are as many as it takes for orders not to mix.
     #[inline(always)]
     pub fn add_by_height<T: Real>(&self, factors: &[T], function: &[T], out: &mut [T]) {
         let each = self.by_height.chunks_exact(factors.len());
@@ -300,8 +300,8 @@ fn least_squares(basis: &[f64], k: usize, weights: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// What values at the nodes come to when they are fitted, `[K][Q]`: their weighted mean, and K - 1 rows whose results' squares add up to their
-/// variance, by Cholesky's factor of the basis functions' covariance.
+/// Moments of fitted values at the nodes, `[K][Q]`: their weighted mean, and K - 1 rows whose results' squares add up to their variance, by
+/// Cholesky's factor of the basis functions' covariance.
 fn spread(basis: &[f64], k: usize, weights: &[f64], fit: &[f64]) -> Vec<f64> {
     let q = weights.len();
     let mean = |i: usize| -> f64 { (0..q).map(|s| weights[s] * basis[s * k + i]).sum() };

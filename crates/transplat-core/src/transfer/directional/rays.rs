@@ -2,7 +2,7 @@
 
 use crate::environment::Beam;
 
-/// What shines on a surfel, a ray from each patch and sun: in planes, since many are written at once, with a list of those that are lit.
+/// Light on a surfel, a ray from each patch and sun: in planes, since many are written at once, with a list of those that are lit.
 #[derive(Clone, Debug)]
 pub struct Rays {
     /// Unit vectors towards the sources, an axis after the other.

@@ -26,7 +26,7 @@ impl DirectionalTransfer {
             .into_whole()
     }
 
-    /// The same, its colour put into rows that are there.
+    /// Relights into rows that are there.
     pub(super) fn relight_in(
         &self,
         sh: ColorRows,
@@ -43,8 +43,7 @@ impl DirectionalTransfer {
         self.shown(sh, (&light, part), tau, &radiance, unseen)
     }
 
-    /// What is seen of the surfels in a light, each matte side changed by tau and all of them radiating `radiance`, its colour put into rows
-    /// that are there.
+    /// Colour of the surfels in a light, each diffuse side changed by tau and all of them radiating `radiance`, put into rows that are there.
     pub(in crate::transfer) fn shown(
         &self,
         mut sh: ColorRows,
@@ -79,7 +78,7 @@ impl DirectionalTransfer {
         }
     }
 
-    /// Those for colour as exact as it is computed.
+    /// Rows for colour in full precision.
     pub(in crate::transfer) fn whole_rows(&self) -> ColorRows {
         let k = coefficient_count(self.asset.nodes.degree);
         ColorRows::whole(vec![[0.0; 3]; self.asset.bake.len() * k], k)
@@ -221,12 +220,6 @@ impl Relight for DirectionalTransfer {
             + self.residual.bytes()
             + size_of_val(&self.encoded_mean[..])
             + size_of_val(&self.darkest[..])
-    }
-
-    fn bytes_saved_by_half(&self) -> usize {
-        size_of_val(&self.divisor[..]) / 2
-            + self.matte.kept.bytes_saved_by_half()
-            + self.residual.bytes_saved_by_half()
     }
 
     fn amplification(&self, i: usize) -> f32 {

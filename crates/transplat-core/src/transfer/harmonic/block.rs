@@ -30,11 +30,11 @@ pub(super) struct Extent {
     pub asset_degree: usize,
     /// The highest band that the specular term writes; 0 where there is none.
     pub specular_degree: usize,
-    /// Whether what is specular is mirrored about the normal.
+    /// True where the specular term is mirrored about the normal.
     pub reflects: bool,
 }
 
-/// What blocks are gathered from.
+/// Rows that blocks are gathered from.
 pub(super) struct Rows<'a> {
     /// `[n]`
     pub normals: &'a [Vec3],

@@ -30,7 +30,7 @@ const PROBE_ROWS: usize = 64;
 /// surfels are numbered object after object.
 #[derive(Clone, Debug)]
 pub struct HarmonicScene {
-    /// What they see.
+    /// Visibility of the objects.
     pub bake: Arc<InsertionBake>,
     /// The scene, and then what is put into it.
     objects: Vec<Arc<HarmonicTransfer>>,
@@ -209,10 +209,6 @@ impl Relight for HarmonicScene {
 
     fn bytes(&self) -> usize {
         self.objects.iter().map(|o| o.bytes()).sum()
-    }
-
-    fn bytes_saved_by_half(&self) -> usize {
-        self.objects.iter().map(|o| o.bytes_saved_by_half()).sum()
     }
 
     fn epsilon_share(&self, i: usize) -> f32 {

@@ -9,7 +9,7 @@ use super::sh::{MAX_STRAIGHT_COEFFICIENTS, mirror, sh_basis};
 use crate::shader::files::TRANSFER_HARMONIC;
 use crate::shader::source::{Source, line, literal};
 
-/// What the transfer's source depends on.
+/// Inputs of the transfer's source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TransferShape {
     /// Degree of lights and visibility.
@@ -18,14 +18,14 @@ pub struct TransferShape {
     pub asset_degree: usize,
     /// Highest band of the specular term.
     pub specular_degree: usize,
-    /// Whether visibility is used.
+    /// True where visibility is used.
     pub shadow: bool,
-    /// Whether the specular term is mirrored.
+    /// True where the specular term is mirrored.
     pub reflection: bool,
 }
 
 impl TransferShape {
-    /// That of a prepared transfer.
+    /// Shape of a prepared transfer.
     pub fn of(p: &HarmonicTransfer) -> Self {
         Self {
             light_degree: p.light_degree,
@@ -41,7 +41,7 @@ impl TransferShape {
         (3 * coefficient_count(self.light_degree).pow(2)).div_ceil(4)
     }
 
-    /// Whether the operator fits the 64 KiB of a uniform binding, which software drivers read far faster than a storage binding.
+    /// True where the operator fits the 64 KiB of a uniform binding, which software drivers read far faster than a storage binding.
     pub fn operator_is_uniform(&self) -> bool {
         self.operator_vectors() * 16 <= 64 << 10
     }

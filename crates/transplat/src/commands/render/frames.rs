@@ -49,7 +49,7 @@ pub fn frames(args: &RenderArgs, headless: &Headless, summary: &mut Summary) -> 
     Ok(frames)
 }
 
-/// Of so many frames, those that are asked for.
+/// Range of the frames that are requested.
 fn asked(args: &RenderArgs, count: usize) -> Result<std::ops::RangeInclusive<usize>> {
     let [first, last] = args.frames.unwrap_or([0, count - 1]);
     if first >= count {

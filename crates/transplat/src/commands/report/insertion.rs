@@ -16,18 +16,18 @@ use transplat_core::sh::lattice;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, Relit};
 
-use super::page::write;
 use crate::cli::{LightArgs, ReportArgs};
 use crate::commands::headless::Headless;
 use crate::commands::probe::{Around, Lights, seen};
-use crate::ground_truth::insertion::{TruthScene, TruthView};
-use crate::metrics::Picture;
 use crate::summary::Summary;
 use transplat_engine::asset::Asset;
 use transplat_engine::device::{Device, Paint};
 use transplat_engine::output::make_folder;
+use transplat_eval::ground_truth::insertion::{TruthScene, TruthView};
+use transplat_eval::metrics::Picture;
+use transplat_eval::report::page::write;
 
-/// What [`run`] writes, beside the pictures.
+/// Name of the table that [`run`] writes.
 pub const INSERTION_CSV: &str = "insertion.csv";
 
 /// Normals over which irradiance is compared.
@@ -36,14 +36,14 @@ const NORMALS: usize = 500;
 /// Other things that an object changes count where they are more pixels of a view.
 const FEW: usize = 200;
 
-/// How an object is put into a scene.
+/// Ways of putting an object into a scene.
 #[derive(Clone, Copy, PartialEq)]
 enum Way {
     /// As both were captured.
     Pasted,
     /// Relit by the light that the scene shows at its place; nothing happens to the scene.
     Probe,
-    /// The same by the light that truly arrives there.
+    /// By the light that truly arrives there.
     Received,
     /// Preset `paper`.
     Paper,
@@ -61,7 +61,7 @@ impl Way {
     ];
 }
 
-/// How like the truth pictures are: PSNR in dB over parts of them, the mean of the views.
+/// Likeness to the true images: PSNR in dB over parts of them, the mean of the views.
 #[derive(Clone, Copy, Debug, Default)]
 struct Score {
     object: f64,
@@ -180,7 +180,7 @@ impl<'a> Subject<'a> {
         })
     }
 
-    /// What a way makes of scene and object, each in its own coordinates; none where it cannot be told.
+    /// Relit scene and object of a way, each in its own coordinates; none where it does not apply.
     fn relit(&self, way: Way, summary: &mut Summary) -> Result<Option<Vec<Relit>>> {
         let shown: Vec<(&Object, &Asset)> = self.headless.shown().collect();
         let [(_, scene), (inserted, object)] = shown[..] else {

@@ -20,7 +20,7 @@ pub struct Labels {
 }
 
 impl Labels {
-    /// Of letters so many pixels high.
+    /// Letters of a height in pixels.
     pub fn new(size: f32) -> Self {
         Self {
             fonts: Fonts::new(TextOptions::default(), FontDefinitions::default()),

@@ -378,7 +378,7 @@ impl ExportRun<'_> {
         free_name(folder, &stem, self.settings.format.extension())
     }
 
-    /// What the pattern makes of a picture, or of a frame of several.
+    /// Name of an image, or of a frame of several, by the pattern.
     fn stem(&self, light: &str, view: View, frame: Option<usize>) -> String {
         let view = serde_json::to_value(view).ok();
         let view = view.as_ref().and_then(|v| v.as_str()).unwrap_or("picture");

@@ -11,17 +11,17 @@ use transplat_engine::film::{FRAME_RATE, FilmFormat};
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::output::ImageFormat;
 
-/// Which sides are saved.
+/// Sides that are saved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ExportSides {
-    /// What is shown.
+    /// Sides that are shown.
     #[default]
     Shown,
     /// Before and after, a picture each.
     Each,
 }
 
-/// What turns on a turntable.
+/// Subject that rotates on a turntable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Turn {
     #[default]
@@ -29,7 +29,7 @@ pub enum Turn {
     Light,
 }
 
-/// How pictures are saved; kept from start to start.
+/// Settings of exports, kept from start to start.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ExportSettings {
@@ -44,15 +44,15 @@ pub struct ExportSettings {
     pub turn: Turn,
     /// A turntable as a film, or as numbered pictures.
     pub film: Option<FilmFormat>,
-    /// Of the film, a second.
+    /// Frames of the video a second.
     pub frame_rate: u32,
-    /// What a relit splat is written as; nothing is as it came.
+    /// Format of a relit splat; none for that of the capture.
     pub splat: Option<SplatFormat>,
-    /// What the colour of a splat without its light is.
+    /// Colour of a splat without its light.
     pub delit_as: DelitAs,
     /// The albedo of its whitest surface, if that is known.
     pub whitest: Option<f32>,
-    /// Whether it comes with what its surfels are made of.
+    /// True where the materials of the surfels come with it.
     pub materials: bool,
 }
 
@@ -83,14 +83,14 @@ impl Default for ExportSettings {
 /// Pixels along the longer edge of a preview.
 const PREVIEW_EDGE: usize = 640;
 
-/// What is saved.
+/// Export that is requested.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Task {
     /// One picture (or one a side); into a named file, or by folder and pattern.
     Screenshot(Option<PathBuf>),
-    /// The same to the clipboard.
+    /// One picture to the clipboard.
     Clipboard,
-    /// The same in the window, as small as it can be looked at.
+    /// One picture in the window, as small as it can be looked at.
     Preview,
     /// One file a light of the shelf.
     EachLight,
@@ -98,7 +98,7 @@ pub enum Task {
     ContactSheet,
     /// Numbered frames, or a film.
     Turntable,
-    /// The same of the light as its keys have it over time.
+    /// Frames of the light over time, or a video.
     Animation,
     /// The relit splat.
     Splat(PathBuf),
@@ -142,7 +142,7 @@ impl Task {
     }
 }
 
-/// What an export made.
+/// Result of an export.
 pub enum Made {
     Files(Vec<PathBuf>),
     /// A splat without its light, and what is to be known of it.

@@ -6,7 +6,7 @@ use transplat_core::scene::{Light, LightSource, Lit};
 
 use crate::viewer::screen::{GRAZING, Screen};
 
-/// How near to a handle it is taken, in points.
+/// Distance from a handle at which it is grabbed, in points.
 const REACH: f32 = 9.0;
 
 /// Points from a light outward to the handle that moves it in and out.
@@ -15,22 +15,22 @@ const OUTWARD: f32 = 34.0;
 /// Points from the picture's rim to the handle of a light that is out of it.
 const MARGIN: f32 = 22.0;
 
-/// How far away a light is drawn that is infinitely far, in radii of all that is shown.
+/// Distance at which a light is drawn that is infinitely far, in radii of all that is shown.
 const SUN_AWAY: f64 = 1e4;
 
 /// Cosine to straight up of a light at most: beyond that its turn about the up axis says nothing.
 const STEEPEST: f64 = 0.9999;
 
-/// What is taken hold of.
+/// Handle of a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Handle {
     /// Moves a light around where it shines.
     Around(usize),
     /// Where the chosen one shines.
     Aim,
-    /// How far away it is.
+    /// Distance of the light.
     Away,
-    /// How large it is, or how wide its cone.
+    /// Size of the light, or angle of its cone.
     Size,
 }
 
@@ -46,7 +46,7 @@ pub struct Drag {
     pub side: Option<Side>,
 }
 
-/// Which of two places on a sphere that are seen as one.
+/// Side of a sphere, of two places that are seen as one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Side {
     Near,

@@ -103,7 +103,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     inspected(ui, viewer);
 }
 
-/// Which side of the surfels is out, where that is a guess.
+/// Shows which side of the surfels is out, where that is a guess.
 fn front(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     if session.project.scene.transfer.method != Method::Directional {
@@ -139,7 +139,7 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
     }
 }
 
-/// That what is seen of the light is only rough, where it is.
+/// Warns that the light is only roughly visible, where it is.
 fn noise(ui: &mut Ui, session: &Session) {
     let noise = session.bake_so_far().and_then(|b| b.normal_noise());
     if let Some(degrees) = noise.filter(|degrees| *degrees >= DOUBTFUL_NORMAL_NOISE) {
@@ -308,7 +308,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     }
 }
 
-/// Which directions a surfel sees, as a map of the sphere.
+/// Draws the directions that a surfel sees, as a map of the sphere.
 fn lobe(ui: &mut Ui, seen: &[(Vec3, f32)]) {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(160.0, 80.0), egui::Sense::hover());
     response.on_hover_text(tr("What the surfel sees of the sphere around it, as an environment map: white is open, black is the object itself."));

@@ -92,7 +92,7 @@ fn splat_format(ui: &mut Ui, viewer: &mut Viewer) {
     }
 }
 
-/// What a picture is made of.
+/// Settings of an image.
 fn picture(ui: &mut Ui, viewer: &mut Viewer) {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
@@ -169,7 +169,7 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
     });
 }
 
-/// What can be saved at once.
+/// Buttons of what can be saved at once.
 fn tasks(ui: &mut Ui) -> Option<Task> {
     let mut task = None;
     ui.horizontal_wrapped(|ui| {

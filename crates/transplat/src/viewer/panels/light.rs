@@ -141,7 +141,7 @@ fn suns(ui: &mut Ui, session: &mut Session) {
     }
 }
 
-/// How the map lies in its file, and what it goes round with.
+/// Settings of the map's mirror and up axis, and of what it is locked to.
 fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let session = &mut viewer.session;
     let settings = session.side_mut(side);
@@ -319,12 +319,12 @@ fn place_and_time(ui: &mut Ui, of: &mut PlaceAndTime) {
     });
 }
 
-/// Whether a light's file may well be meant otherwise: its image is not twice as wide as high, or one of several layers.
+/// True where a light's file may be meant otherwise: its image is not twice as wide as high, or one of several layers.
 fn has_odd_shape(light: &Environment) -> bool {
     light.is_file() && (light.size[0] != 2 * light.size[1] || light.layers.len() > 1)
 }
 
-/// How the file of a light is read: its layer, where it has several, and how that lays out what is all around.
+/// Settings of reading a light's file: layer and layout.
 fn reading(ui: &mut Ui, session: &mut Session, side: usize) {
     let mut reading = session.side_mut(side).reading();
     let layers = session.light(side).layers.clone();
@@ -362,7 +362,7 @@ fn reading(ui: &mut Ui, session: &mut Session, side: usize) {
     }
 }
 
-/// What may be taken for the light of the capture without a file.
+/// Stand-ins for the capture light without a file.
 fn other_sources(ui: &mut Ui, session: &mut Session) {
     let is_wished = session.object().source.is_estimate();
     let is_there = session.estimate().is_some() || is_on_its_way(session);
@@ -383,7 +383,7 @@ fn is_on_its_way(session: &Session) -> bool {
     session.object().source.is_estimate() && session.project.is_estimating(session.selected)
 }
 
-/// What is said of the light of the capture where nobody told it.
+/// Explains the capture light where nobody set it.
 fn source_without_file(ui: &mut Ui, session: &mut Session) {
     let estimate = session.estimate();
     let estimate = estimate.filter(|_| session.object().source.is_estimate());

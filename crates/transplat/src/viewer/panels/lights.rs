@@ -20,7 +20,7 @@ const LONGEST_NAME: usize = 64;
 const SHOWN_KELVIN: std::ops::RangeInclusive<f32> = 1500.0..=12_000.0;
 const DAYLIGHT: f32 = 5600.0;
 
-/// How far away a slider puts a light, in radii of all that is shown.
+/// Distances that a slider puts a light at, in radii of all that is shown.
 const AWAY: std::ops::RangeInclusive<f64> = 0.1..=30.0;
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
@@ -314,7 +314,7 @@ fn where_it_is(ui: &mut Ui, session: &mut Session, at: usize) {
     }
 }
 
-/// How large it is, or how wide its cone.
+/// Slider of a light's size, or of its cone's angle.
 fn extent(ui: &mut Ui, source: &mut LightSource, radius: f64) {
     let length = |ui: &mut Ui, label: &str, value: &mut f64| {
         Control {

@@ -94,7 +94,7 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
     });
 }
 
-/// What the selected object is called: layers and files are named so.
+/// Field of the selected object's name: layers and files are named so.
 fn rename(ui: &mut Ui, session: &mut Session) {
     let called = session.project.called(session.selected);
     ui.horizontal(|ui| {

@@ -3,7 +3,6 @@
 use eframe::egui::{self, Align, Button, Ui};
 use transplat_core::present::Doubt;
 
-use crate::sweep::{Point, Stage};
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::session::Session;
@@ -11,6 +10,7 @@ use crate::viewer::widgets::{fact, thousands};
 use transplat_engine::jobs::{Kind, Work};
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::words::milliseconds;
+use transplat_eval::sweep::{Point, Stage};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     doubts(ui, &mut viewer.session);
@@ -151,7 +151,7 @@ fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
     }
 }
 
-/// What can be doubted of the result.
+/// Reasons for low confidence in the result.
 fn doubts(ui: &mut Ui, session: &mut Session) {
     ui.label(tr("How far the result can be trusted"));
     session.project.requested.doubts = !ui.input(|i| i.pointer.any_down());

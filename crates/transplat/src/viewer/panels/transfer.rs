@@ -25,7 +25,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     advanced(ui, |ui| numbers_and_terms(ui, viewer));
 }
 
-/// What a relight is made of.
+/// Terms that a relight is made of.
 fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
     let transfer = &mut viewer.session.project.scene.transfer;
     let method = transfer.method;

@@ -23,7 +23,7 @@ const WHOLE: [&str; 12] = [
 pub struct Layer {
     /// The part's name and the layer's in it, empty where neither has one.
     pub name: String,
-    /// Which part of the file it is in.
+    /// Part of the file that it is in.
     pub part: usize,
     pub colors: Colors,
     /// The channel of its alpha.

@@ -23,9 +23,13 @@ pub struct TruthObject {
     /// With its set's, where two sets have one of that name.
     pub name: String,
     set: String,
+    /// Splat of the object.
     pub asset: PathBuf,
+    /// Cameras of the true images.
     pub cameras: PathBuf,
+    /// Capture light.
     pub source: TruthLight,
+    /// Target lights with true images.
     pub targets: Vec<TruthLight>,
     /// Folder of the pictures, one folder a light.
     pictures: PathBuf,
@@ -34,7 +38,9 @@ pub struct TruthObject {
 /// A light by its name and file.
 #[derive(Clone, Debug)]
 pub struct TruthLight {
+    /// Name of the light.
     pub name: String,
+    /// Its environment.
     pub path: PathBuf,
 }
 

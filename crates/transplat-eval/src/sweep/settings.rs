@@ -13,7 +13,6 @@ use transplat_core::settings::skips::Skips;
 use transplat_core::settings::{Method, Terms, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::PreparedTransfer;
 
 use super::subject::{Effort, Subject};
 
@@ -23,22 +22,24 @@ const SAMPLES: usize = 1200;
 /// One of the settings that are compared.
 #[derive(Clone, Debug)]
 pub struct Setting {
+    /// Name of the setting.
     pub name: String,
+    /// Method and terms.
     pub settings: TransferSettings,
+    /// True for a default.
     pub is_default: bool,
-    /// Whether the user may choose it.
+    /// True where the user may choose it.
     pub is_offered: bool,
-    /// Whether all that is prepared is rounded to half precision.
-    pub is_rounded: bool,
     /// Samples that reflections are projected by, where that is not exact.
     pub samples: Option<usize>,
     /// SH degree of the visibility, where that is below the light's.
     pub visibility_degree: Option<usize>,
-    /// Of which method it is; none where both are served.
+    /// Method that it is of; none where both are served.
     pub of: Option<Method>,
 }
 
 impl Setting {
+    /// A setting without a bake of its own.
     pub fn plain(settings: TransferSettings) -> Self {
         Self {
             name: format!("preset {}", settings.method.preset()),
@@ -46,12 +47,12 @@ impl Setting {
             settings,
             is_default: false,
             is_offered: false,
-            is_rounded: false,
             samples: None,
             visibility_degree: None,
         }
     }
 
+    /// Name of the method's preset.
     pub fn method(&self) -> &'static str {
         self.of.map_or("", Method::preset)
     }
@@ -65,22 +66,16 @@ impl Setting {
             _ => Cow::Borrowed(bake),
         }
     }
-
-    /// The preparation as this setting stores it.
-    pub fn rounded(&self, prepared: PreparedTransfer) -> PreparedTransfer {
-        if self.is_rounded {
-            prepared.rounded_to_half()
-        } else {
-            prepared
-        }
-    }
 }
 
-/// How the harmonic method's maps are baked.
+/// Bake of the harmonic method's visibility maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapBake {
+    /// Directions of the harmonic bake.
     pub directions: usize,
+    /// Texels along the edge of a map.
     pub resolution: usize,
+    /// Softness of the maps.
     pub softness: Softness,
 }
 
@@ -241,13 +236,6 @@ pub fn transfers(effort: Effort) -> Vec<Setting> {
             visibility_degree: Some(degree),
             ..Setting::plain(sharp.clone())
         }));
-    }
-    for method in Method::ALL {
-        all.push(Setting {
-            name: format!("{} stored in half precision", method.preset()),
-            is_rounded: true,
-            ..Setting::plain(TransferSettings::of(method))
-        });
     }
     all.push(Setting {
         name: format!("paper, reflections by {SAMPLES} samples"),

@@ -8,8 +8,9 @@ use transplat_core::surfels::SurfelCloud;
 
 use crate::ground_truth::views::Views;
 
-/// What is measured.
+/// Splat between two lights that is measured.
 pub struct Subject {
+    /// Surfels of the splat.
     pub cloud: Arc<SurfelCloud>,
     /// The target light as its file has it, where reading it is to be measured.
     pub map: Option<EnvironmentMap>,
@@ -21,21 +22,24 @@ pub struct Subject {
     pub bakes: Vec<Bake>,
 }
 
-/// How far a result is from the f64 oracle's.
+/// Error against the f64 oracle.
 #[derive(Clone, Copy, Debug)]
 pub struct Numeric {
     /// L2 norm of the difference over that of the oracle's.
     pub rel_l2: f64,
+    /// Largest absolute error.
     pub max_abs: f64,
-    /// Of the picture, in dB; none where there is none.
+    /// PSNR of the image in dB; none where there is none.
     pub psnr: Option<f64>,
 }
 
-/// How much is measured.
+/// Effort of a sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
-    /// What the viewer offers to change.
+    /// Settings that the viewer offers.
     Offered,
+    /// Few settings and repeats.
     Quick,
+    /// All settings.
     Full,
 }

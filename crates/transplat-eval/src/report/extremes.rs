@@ -11,10 +11,9 @@ use transplat_core::progress::no_progress;
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::transfer::{Part, PreparedTransfer};
 
+use super::Measurement;
 use super::page::{Dot, Page, Plot, write};
 use super::tables::quoted;
-use crate::cli::ReportArgs;
-use crate::summary::Summary;
 use crate::sweep::Subject;
 use transplat_engine::device::Device;
 
@@ -25,24 +24,32 @@ const EPSILON_CSV: &str = "epsilon.csv";
 /// Epsilons that are tried.
 const EPSILONS: [f32; 10] = [1e-6, 1e-5, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 1.0, 1e3];
 
-/// Runs the battery, and the sweep over epsilon on the asset.
+/// Outcome of the extreme cases.
+pub struct Extremes {
+    /// Cases by method, and those that failed.
+    pub cases: [usize; 2],
+    /// Milliseconds that the cases took.
+    pub ms: f64,
+    /// Summary for people.
+    pub words: String,
+}
+
+/// Runs the extreme cases, and a sweep over epsilon on a splat.
+///
+/// # Errors
+/// A table cannot be written, or the device failed.
 pub fn run(
-    args: &ReportArgs,
+    how: Measurement<'_>,
     subject: &Subject,
     devices: &[Device],
     page: &mut Page,
-    summary: &mut Summary,
-) -> Result<String> {
+) -> Result<Extremes> {
     let gpu = devices.iter().find(|d| matches!(d, Device::Gpu(_)));
-    let bar = summary.progress_bar("extreme cases");
     let cases = extremes::all();
     let start = Instant::now();
     let mut outcomes = Vec::new();
     for (i, case) in cases.iter().enumerate() {
-        bar.set_position((1000 * i / cases.len()) as u64);
-        if bar.is_hidden() && !summary.quiet {
-            eprintln!("{} ({} of {})", case.name, i + 1, cases.len());
-        }
+        let _ = (how.steps)(i as f64 / cases.len() as f64, case.name);
         for method in Method::ALL {
             let other = gpu.map(|device| {
                 move |prepared: &PreparedTransfer, light: &Illumination| {
@@ -54,18 +61,20 @@ pub fn run(
             outcomes.push(extremes::run(case, method, other));
         }
     }
-    bar.finish_and_clear();
-    summary.add_ms("extremes", 1e3 * start.elapsed().as_secs_f64());
-    write(&args.output.join(CSV), &csv(&outcomes))?;
-    summary.set("extreme_cases", outcomes.len());
+    let ms = 1e3 * start.elapsed().as_secs_f64();
+    write(&how.output.join(CSV), &csv(&outcomes))?;
     let failed = outcomes.iter().filter(|o| o.failure.is_some());
-    summary.set("extreme_cases_failed", failed.count());
+    let counts = [outcomes.len(), failed.count()];
     let words = extremes::in_words(&outcomes);
     page.heading("Stiff and extreme cases");
     page.paragraph(&words);
     page.paragraph("f32 and the GPU are compared with the f64 oracle (relative L2 of the relit colour). The condition number is how many times a relative change of the source light is amplified in the ratio tau, at the worst surfel: |t| |L| / (E + epsilon), where the irradiance is E = t.L. Everything is asked to be finite. Bounded: the ratio is within what the lights and epsilon allow. Scale-invariant, as at scale 1: the same colours whatever the unit of light or length. Monotone: a larger epsilon never makes a larger change. Black: no light, no colour. As with even light: a black source tells nothing. There and back, preset best is to come back the first time; the drift after many turns is told and not asked for, because each turn keeps the error of those before. A number is missing where the oracle has no such case (a channel that is missing in the source is filled up, pixels that are no numbers, no surfels) or the ratio is held at its bound.");
     onto(page, &outcomes);
-    Ok(words + &stiffness(args, subject, page)?)
+    Ok(Extremes {
+        cases: counts,
+        ms,
+        words: words + &stiffness(how, subject, page)?,
+    })
 }
 
 /// All outcomes, for programs.
@@ -136,12 +145,12 @@ struct Stiff {
     touched: f32,
 }
 
-fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<String> {
+fn stiffness(how: Measurement<'_>, subject: &Subject, page: &mut Page) -> Result<String> {
     let mut all = Vec::new();
     for method in Method::ALL {
         let bake = Bake::new(&subject.cloud, method, DEFAULT_DIRECTIONS, &no_progress)?;
         let mut epsilons = EPSILONS.to_vec();
-        if args.quick {
+        if how.is_quick {
             epsilons.retain(|e| [1e-6, 1e-3, 1e-1, 1e3].contains(e));
         }
         epsilons.push(method.epsilon());
@@ -150,7 +159,7 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
             all.push(stiff(subject, method, &bake, epsilon)?);
         }
     }
-    write(&args.output.join(EPSILON_CSV), &epsilon_csv(&all))?;
+    write(&how.output.join(EPSILON_CSV), &epsilon_csv(&all))?;
     page.heading("Epsilon");
     page.paragraph("Epsilon is added to the source's irradiance, relative to its mean: what the source hardly reaches is multiplied by at most 1 / epsilon. Less is truer where there is light, more calms the dark. Rings mark the defaults.");
     let groups = Method::ALL.map(|m| format!("preset {}", m.preset()));

@@ -29,15 +29,21 @@ use transplat_engine::device::Device;
 /// One setting of one stage on one device.
 #[derive(Clone, Debug)]
 pub struct Point {
+    /// Setting that was measured.
     pub setting: Setting,
+    /// Name of the device.
     pub device: String,
+    /// Stage that was measured.
     pub stage: Stage,
+    /// Run time.
     pub time: Option<Timing>,
+    /// Memory of the result.
     pub memory_bytes: Option<usize>,
+    /// Error against the f64 reference.
     pub numeric: Option<Numeric>,
     /// PSNR in dB to path-traced truth, the mean over lights and views.
     pub psnr_truth: Option<f64>,
-    /// Whether nothing that was measured is both quicker and nearer.
+    /// True where nothing that was measured is both quicker and nearer.
     pub on_front: bool,
 }
 
@@ -47,7 +53,9 @@ pub const STAGES: [Stage; 4] = [Stage::Project, Stage::Bake, Stage::Prepare, Sta
 /// A median time with what repeats spread: half the distance between the quartiles.
 #[derive(Clone, Copy, Debug)]
 pub struct Timing {
+    /// Median, in milliseconds.
     pub ms: f64,
+    /// Spread of repeats, in milliseconds.
     pub spread_ms: Option<f64>,
 }
 
@@ -260,7 +268,7 @@ impl<'a> Sweep<'a> {
             };
             let (whole, thinned) = (&*setting.blurred(whole), &*setting.blurred(thinned));
             let is_blurred = setting.visibility_degree.is_some();
-            let only_cpu = setting.is_rounded || setting.samples.is_some() || is_blurred;
+            let only_cpu = setting.samples.is_some() || is_blurred;
             let devices = if only_cpu {
                 &self.devices[..1]
             } else {
@@ -277,24 +285,19 @@ impl<'a> Sweep<'a> {
                         ..Point::of(&setting, device, Stage::Prepare)
                     });
                 }
-                let prepared = setting.rounded(prepare()?);
+                let prepared = prepare()?;
                 let mut transfer = device.transfer_here(&prepared)?;
                 let (_, mut time) =
                     timed(|| transfer.change_light(&subject.lights[1], Part::Whole, &[]))?;
                 if let Some(samples) = setting.samples {
                     time.ms += self.reference.reflection_ms(&prepared, subject, samples);
                 }
-                // Neither is what it would take if it were made for that.
-                let time = Some(time).filter(|_| !setting.is_rounded && !is_blurred);
+                // It is not what it would take if it were made for that.
+                let time = Some(time).filter(|_| !is_blurred);
                 let (numeric, psnr_truth) = self.relit_by(device, &setting, &prepared, thinned)?;
-                let saved = if setting.is_rounded {
-                    prepared.bytes_saved_by_half()
-                } else {
-                    0
-                };
                 self.points.push(Point {
                     time,
-                    memory_bytes: Some(prepared.bytes() - saved),
+                    memory_bytes: Some(prepared.bytes()),
                     numeric,
                     psnr_truth,
                     ..Point::of(&setting, device, Stage::Transfer)
@@ -322,7 +325,6 @@ impl<'a> Sweep<'a> {
         let [source, target] = &self.subject.lights;
         let reference = &self.reference;
         let small = PreparedTransfer::new(&reference.cloud, thinned, source, &setting.settings)?;
-        let small = setting.rounded(small);
         let relit = match setting.samples {
             Some(samples) => reference.relit_by_samples(&small, thinned, self.subject, samples)?,
             None => device.relight(&small, target)?,
@@ -355,7 +357,7 @@ fn bake_maps(device: &Device, cloud: &SurfelCloud, how: MapBake) -> Result<Bake>
 }
 
 impl Point {
-    /// Of which nothing is measured yet.
+    /// A point that is not measured yet.
     fn of(setting: &Setting, device: &Device, stage: Stage) -> Self {
         Self {
             setting: setting.clone(),
@@ -369,7 +371,7 @@ impl Point {
         }
     }
 
-    /// What it is off: less is better. By truth where there is one, else by the oracle.
+    /// Error of a point, less is better: by truth where there is one, else by the oracle.
     fn error(&self) -> Option<f64> {
         match (self.psnr_truth, self.numeric) {
             (Some(psnr), _) => Some(-psnr),
@@ -378,8 +380,7 @@ impl Point {
         }
     }
 
-    /// Whether two points can be compared: one stage and device, and one method. By truth, the methods' transfers can be compared with
-    /// each other.
+    /// True where two points can be compared: one stage and device, and one method unless both have truth.
     fn is_beside(&self, other: &Self) -> bool {
         let is_transfer = self.stage == Stage::Transfer && self.psnr_truth.is_some();
         self.stage == other.stage
@@ -388,7 +389,7 @@ impl Point {
             && (is_transfer || self.setting.method() == other.setting.method())
     }
 
-    /// Whether it is nearer than another by 0.01 dB or 1 %: less is luck.
+    /// True where it is nearer than another by 0.01 dB or 1 %: less is luck.
     fn is_nearer_than(&self, other: &Self) -> bool {
         match (self.error(), other.error()) {
             (Some(a), Some(b)) if self.psnr_truth.is_some() => a < b - 0.01,

@@ -41,7 +41,7 @@ pub struct Reference {
     camera: Camera,
 }
 
-/// What a method would show without any numerical error.
+/// Image of a method without numerical error.
 struct Exact {
     method: Method,
     sh: Vec<[f64; 3]>,
@@ -146,7 +146,7 @@ impl Reference {
         Ok(Picture::of_display(&raster))
     }
 
-    /// How far a relit thinned asset is from the oracle's.
+    /// Error of a relit thinned splat against the oracle's.
     pub fn compare(&self, method: Method, relit: &Relit) -> Result<Numeric> {
         let exact = self.exact.iter().find(|e| e.method == method);
         let exact = exact.context("a reference for each preset")?;

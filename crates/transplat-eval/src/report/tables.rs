@@ -18,7 +18,7 @@ pub struct Row {
     pub transfer_ms: Option<f64>,
 }
 
-/// How well a method returns an object that is relit by its own light.
+/// Error of a method that relights an object by its own capture light.
 pub struct RoundTrip {
     pub object: String,
     pub method: &'static str,
@@ -26,15 +26,15 @@ pub struct RoundTrip {
     pub psnr: f64,
 }
 
-/// What an object tells of the light it was captured under, beside that light.
+/// Estimated capture light of an object, beside the true one.
 pub struct LightEstimate {
     pub object: String,
     pub confidence: f32,
-    /// Of the irradiance over the surfels, by channel.
+    /// Correlation of the irradiance over the surfels with the true one, by channel.
     pub correlation: [f64; 3],
     /// Between the directions that most of the light comes from, in degrees.
     pub angle: Option<f32>,
-    /// How many times as strong the light really was, by channel.
+    /// Factor of the true light over the estimate, by channel.
     pub gain: [f64; 3],
 }
 
@@ -76,7 +76,7 @@ fn cell(name: &str) -> String {
     name.replace('|', "\\|").replace(['\n', '\r'], " ")
 }
 
-/// What each term carries, each pair of the methods, and the round trips.
+/// Tables for people: what each term carries, each pair by method, and the round trips.
 pub fn markdown(
     rows: &[Row],
     round_trips: &[RoundTrip],

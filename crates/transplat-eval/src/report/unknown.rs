@@ -16,11 +16,11 @@ use super::tables::LightEstimate;
 use super::variants::Source;
 use transplat_engine::device::Device;
 
-/// What is taken for the light of the capture where nobody tells it, and how that compares with what it was.
+/// Stand-ins for an unknown capture light, compared with the true one.
 pub struct Unknown {
     estimated: Illumination,
     even: Illumination,
-    /// How many times as strong as these the light was, by channel.
+    /// Factors of the true light over the two stand-ins, by channel.
     gains: [[f64; 3]; 2],
     pub estimate: LightEstimate,
 }

@@ -10,7 +10,7 @@ pub struct Variant {
     pub source: Source,
 }
 
-/// What is taken for the light of the capture.
+/// Capture light that a variant assumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     Told,
@@ -18,7 +18,7 @@ pub enum Source {
     Even,
     /// The estimate, each channel of it as strong as fits the told light best.
     EstimatedFitted,
-    /// The same of even light.
+    /// Even light, each channel of it as strong as fits the true light best.
     EvenFitted,
 }
 
@@ -83,12 +83,12 @@ impl Variant {
         }
     }
 
-    /// Whether it is a method as it is.
+    /// True for a method with all its terms.
     pub fn is_whole_preset(&self) -> bool {
         self.settings.is_some() && self.off.is_none() && self.source == Source::Told
     }
 
-    /// Whether it is what the program does of itself.
+    /// True for the program's defaults.
     pub fn is_default(&self) -> bool {
         self.settings == Some(TransferSettings::default()) && self.source == Source::Told
     }

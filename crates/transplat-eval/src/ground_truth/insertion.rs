@@ -22,6 +22,7 @@ use crate::metrics::Picture;
 
 /// A scene with its truth.
 pub struct TruthScene {
+    /// Name of the scene.
     pub name: String,
     folder: PathBuf,
     root: PathBuf,
@@ -43,8 +44,11 @@ struct Insert {
 
 /// A view of it: the camera, and the truth.
 pub struct TruthView {
+    /// Camera of the images.
     pub camera: Camera,
+    /// Image with the object.
     pub with: Picture,
+    /// Image without the object.
     pub without: Picture,
     /// The object, ground that it changes, and other things that it changes. `[height][width]`
     pub masks: [Vec<bool>; 3],

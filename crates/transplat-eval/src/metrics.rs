@@ -8,7 +8,9 @@ use transplat_core::rasterize::Raster;
 /// A picture as a display shows it on black: display-encoded, 0 to 1.
 #[derive(Clone, Debug)]
 pub struct Picture {
+    /// Columns.
     pub width: usize,
+    /// Rows.
     pub height: usize,
     /// `[height][width]`
     pub pixels: Vec<[f32; 3]>,
@@ -22,12 +24,12 @@ const WINDOW: f64 = 1.5;
 const WINDOW_RADIUS: usize = 5;
 
 impl Picture {
-    /// Of surfels that were blended in display-encoded colour.
+    /// Display values of surfels that were blended in display-encoded colour.
     pub fn of_display(raster: &Raster) -> Self {
         Self::map(raster, |[r, g, b, _]| [r, g, b])
     }
 
-    /// Of a linear, premultiplied picture: its colour is clipped, encoded, and laid on black by its alpha.
+    /// Display values of a linear, premultiplied image: its colour is clipped, encoded, and laid on black by its alpha.
     pub fn of_linear(raster: &Raster) -> Self {
         Self::map(raster, |[r, g, b, a]| {
             let a = a.clamp(0.0, 1.0);

@@ -1,14 +1,11 @@
 //! What the scene did not need, and what leaving that out saved.
 
-use std::ops::ControlFlow;
-
 use anyhow::Result;
 
+use super::Measurement;
 use super::page::{Page, write};
 use super::tables::quoted;
-use crate::cli::ReportArgs;
 use crate::savings::{self, Saved, Savings};
-use crate::summary::Summary;
 use crate::sweep::Subject;
 
 /// The table's name.
@@ -18,29 +15,15 @@ const CSV: &str = "skipped.csv";
 const REPEATS: [usize; 2] = [5, 21];
 
 /// Measures with and without each thing that can be left out.
-pub fn run(
-    args: &ReportArgs,
-    subject: &Subject,
-    page: &mut Page,
-    summary: &mut Summary,
-) -> Result<String> {
-    let bar = summary.progress_bar("what was left out");
-    let progress = |done: f64, what: &str| {
-        bar.set_position((1000.0 * done) as u64);
-        if bar.is_hidden() && !args.out.quiet {
-            eprintln!("{:3.0} % with and without: {what}", 100.0 * done);
-        }
-        ControlFlow::Continue(())
-    };
-    let repeats = REPEATS[usize::from(!args.quick)];
-    let savings = summary.time("skips", || savings::measure(subject, repeats, &progress))?;
-    write(&args.output.join(CSV), &csv(&savings.saved))?;
-    for saved in &savings.saved {
-        summary.saved(saved);
-    }
-    let words = in_words(&savings);
+///
+/// # Errors
+/// The table cannot be written, or the device failed.
+pub fn run(how: Measurement<'_>, subject: &Subject, page: &mut Page) -> Result<Savings> {
+    let repeats = REPEATS[usize::from(!how.is_quick)];
+    let savings = savings::measure(subject, repeats, how.steps)?;
+    write(&how.output.join(CSV), &csv(&savings.saved))?;
     onto(page, &savings);
-    Ok(words)
+    Ok(savings)
 }
 
 fn name(saved: &Saved) -> String {
@@ -62,7 +45,8 @@ fn csv(saved: &[Saved]) -> String {
     out
 }
 
-fn in_words(savings: &Savings) -> String {
+/// Summary for people.
+pub fn in_words(savings: &Savings) -> String {
     let mut out = String::from("Left out of this scene:\n");
     if savings.saved.is_empty() {
         out += "  nothing: it needs everything\n";

@@ -18,24 +18,33 @@ pub struct Page {
 /// A point of a plot.
 #[derive(Clone, Debug)]
 pub struct Dot {
+    /// Position on the horizontal axis.
     pub x: f64,
+    /// Position on the vertical axis.
     pub y: f64,
+    /// Text beside the dot, in a tooltip.
     pub label: String,
-    /// Which colour, by what it belongs to.
+    /// Group that it belongs to, which gives its colour.
     pub group: usize,
+    /// True for a default, which gets a ring.
     pub is_default: bool,
-    /// Whether a line joins it with others of its group, such as those on the front; it is named then.
+    /// True where a line joins it with others of its group, such as those on the front; it is named then.
     pub is_joined: bool,
 }
 
 /// A plot of dots over a logarithmic axis.
 pub struct Plot<'a> {
+    /// Title above the plot.
     pub title: &'a str,
+    /// Label of the horizontal axis.
     pub x: &'a str,
+    /// Label of the vertical axis.
     pub y: &'a str,
+    /// True for a logarithmic vertical axis.
     pub is_y_logarithmic: bool,
+    /// Names of the groups, in the order of their colours.
     pub groups: &'a [&'a str],
-    /// Whether the groups have one front between them.
+    /// True where the groups have one front between them.
     pub is_front_shared: bool,
 }
 
@@ -55,6 +64,7 @@ td:first-child,th:first-child{text-align:left}tr.default{font-weight:600}tr.bad{
 details{margin:.5rem 0}summary{cursor:pointer}p.note{color:#555}";
 
 impl Page {
+    /// An empty page.
     pub fn new(title: &str) -> Self {
         let mut page = Self {
             body: String::new(),
@@ -68,10 +78,12 @@ impl Page {
         self.body.push('\n');
     }
 
+    /// Adds a heading.
     pub fn heading(&mut self, text: &str) {
         self.line(&format!("<h2>{}</h2>", escaped(text)));
     }
 
+    /// Adds a paragraph.
     pub fn paragraph(&mut self, text: &str) {
         self.line(&format!("<p>{}</p>", escaped(text)));
     }
@@ -81,6 +93,7 @@ impl Page {
         self.line(&format!("<pre>{}</pre>", escaped(text)));
     }
 
+    /// Adds a list.
     pub fn list<'a>(&mut self, items: impl IntoIterator<Item = &'a String>) {
         self.line("<ul>");
         for item in items {
@@ -105,6 +118,7 @@ impl Page {
         self.line("</table></details>");
     }
 
+    /// Adds a plot as SVG.
     pub fn plot(&mut self, plot: &Plot<'_>, dots: &[Dot]) -> Result<()> {
         if dots.is_empty() {
             return Ok(());
@@ -124,6 +138,7 @@ impl Page {
         Ok(())
     }
 
+    /// Yields the page as HTML.
     pub fn finish(self, title: &str) -> String {
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style></head><body>\n{}</body></html>\n",
@@ -270,7 +285,7 @@ const LETTER: (i32, i32) = (7, 13);
 struct Labels(Vec<[i32; 3]>);
 
 impl Labels {
-    /// How far below its dot a label goes, as near as there is room.
+    /// Pixels that a label goes below its dot, as near as there is room.
     fn place(&mut self, (x, y): (i32, i32), label: &str, is_on_left: bool) -> i32 {
         let width = LETTER.0 * label.chars().count() as i32;
         let (left, right) = if is_on_left {

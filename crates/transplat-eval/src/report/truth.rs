@@ -7,7 +7,6 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use transplat_core::bake::Bake;
-use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 use transplat_core::environment::Illumination;
 use transplat_core::files::{PngBits, load_asset, write_png};
 use transplat_core::progress::no_progress;
@@ -15,25 +14,24 @@ use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
+use super::Measurement;
 use super::page::write;
 use super::tables::{LightEstimate, RoundTrip, Row, csv, markdown};
 use super::unknown::Unknown;
 use super::variants::Variant;
-use crate::cli::ReportArgs;
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::views::{TruthTarget, Views, light};
 use crate::metrics::Picture;
-use crate::summary::Summary;
 use transplat_engine::device::Device;
 use transplat_engine::output::make_folder;
 
 /// Changes of light whose median time is told.
 const REPEATS: usize = 3;
 
-/// What the difference in the pictures is multiplied by.
+/// Factor of the difference in the images.
 const DIFFERENCE_SCALE: f32 = 4.0;
 
-/// Those of all objects that are asked for; all where none is.
+/// Selects objects by name; all where no name is given.
 pub fn asked(mut objects: Vec<TruthObject>, asked: &[String]) -> Result<Vec<TruthObject>> {
     for asked in asked {
         if !objects.iter().any(|o| o.name == *asked) {
@@ -47,30 +45,42 @@ pub fn asked(mut objects: Vec<TruthObject>, asked: &[String]) -> Result<Vec<Trut
     Ok(objects)
 }
 
-/// Compares all objects with their truth; writes `truth.csv`, `truth.md` and pictures, and returns the tables for people.
-pub fn run(
-    objects: &[TruthObject],
-    args: &ReportArgs,
-    device: &Device,
-    summary: &mut Summary,
-) -> Result<String> {
-    let pictures = args.output.join("pictures");
+/// Comparison with path-traced truth.
+pub struct Comparison<'a> {
+    /// Objects with their truth.
+    pub objects: &'a [TruthObject],
+    /// True to compare estimated and even capture light, too.
+    pub has_unknown_light: bool,
+    /// Directions of the harmonic method's bake.
+    pub directions: usize,
+}
+
+/// Result of a comparison.
+pub struct Compared {
+    /// Pairs of an object and a target light.
+    pub pairs: usize,
+    /// Tables for people.
+    pub tables: String,
+}
+
+/// Compares objects with their truth; writes `truth.csv`, `truth.md` and images.
+///
+/// # Errors
+/// A file cannot be read or written, or the device failed.
+pub fn run(of: &Comparison<'_>, how: Measurement<'_>, device: &Device) -> Result<Compared> {
+    let pictures = how.output.join("pictures");
     make_folder(&pictures)?;
-    let variants = Variant::all(args.quick, args.unknown_light);
-    let bar = summary.progress_bar("comparing with the truth");
-    let directions = args.options.directions.unwrap_or(DEFAULT_DIRECTIONS);
+    let variants = Variant::all(how.is_quick, of.has_unknown_light);
+    let (objects, directions) = (of.objects, of.directions);
     let mut rows: Vec<Row> = Vec::new();
     let mut round_trips: Vec<RoundTrip> = Vec::new();
     let mut estimates: Vec<LightEstimate> = Vec::new();
     for (i, object) in objects.iter().enumerate() {
-        bar.set_position((1000 * i / objects.len()) as u64);
-        if bar.is_hidden() && !summary.quiet {
-            eprintln!("{} ({} of {})", object.name, i + 1, objects.len());
-        }
+        let _ = (how.steps)(i as f64 / objects.len() as f64, &object.name);
         let scene = TruthScene::load(object, device, directions)
             .with_context(|| format!("the object {}", object.name))?;
-        let unknown = args
-            .unknown_light
+        let unknown = of
+            .has_unknown_light
             .then(|| scene.unknown(device))
             .transpose()?;
         for variant in &variants {
@@ -83,21 +93,19 @@ pub fn run(
         }
         estimates.extend(unknown.map(|u| u.estimate));
     }
-    let table = args.output.join(TRUTH_CSV);
-    write(&table, &csv(&rows))?;
-    let text = markdown(&rows, &round_trips, &estimates, &variants);
-    write(&args.output.join(TRUTH_TABLES), &text)?;
-    summary.set(
-        "pairs",
-        rows.iter().filter(|r| r.variant == variants[0]).count(),
-    );
-    summary.set("table", table.display().to_string());
-    Ok(text)
+    write(&how.output.join(TRUTH_CSV), &csv(&rows))?;
+    let tables = markdown(&rows, &round_trips, &estimates, &variants);
+    write(&how.output.join(TRUTH_TABLES), &tables)?;
+    let of_first = rows.iter().filter(|r| r.variant == variants[0]);
+    Ok(Compared {
+        pairs: of_first.count(),
+        tables,
+    })
 }
 
-/// What [`run`] writes beside the pictures.
+/// Name of the table that [`run`] writes.
 pub const TRUTH_CSV: &str = "truth.csv";
-/// See [`TRUTH_CSV`].
+/// Name of the text that [`run`] writes.
 pub const TRUTH_TABLES: &str = "truth.md";
 
 /// An object, ready to be relit and compared.

@@ -27,11 +27,13 @@ const SIZE: usize = 400;
 /// Something that was left out, and what that was worth.
 #[derive(Clone, Debug)]
 pub struct Saved {
+    /// Work that is skipped.
     pub skipped: Skipped,
+    /// Method that skips it.
     pub method: Method,
     /// Milliseconds that the stage took less; negative where that is lost in the noise.
     pub time_saved_ms: f64,
-    /// And what it took.
+    /// Milliseconds that the stage took.
     pub time_ms: f64,
     /// Largest difference of a channel of a pixel, display-encoded, 0 to 1.
     pub max_error: f64,
@@ -56,7 +58,7 @@ impl Saved {
         }
     }
 
-    /// How far a pixel is off.
+    /// Largest difference of a pixel.
     pub fn error_in_words(&self) -> String {
         if self.max_error == 0.0 {
             "the picture is the same".into()
@@ -80,11 +82,12 @@ impl Saved {
     }
 }
 
-/// What was found about a scene.
+/// Optimizations of a scene, measured.
 #[derive(Clone, Debug, Default)]
 pub struct Savings {
+    /// Optimizations with their savings.
     pub saved: Vec<Saved>,
-    /// What could not be left out, by method, and why.
+    /// Optimizations that do not apply, by method, with the reason.
     pub needed: Vec<(Method, &'static str)>,
 }
 

@@ -19,7 +19,9 @@ use transplat_engine::device::{Device, Paint, Painter};
 
 /// The truth under one light.
 pub struct TruthTarget {
+    /// Target light.
     pub light: TruthLight,
+    /// The light as its map holds it.
     pub illumination: Illumination,
     /// One a camera.
     pub pictures: Vec<Picture>,
@@ -32,10 +34,12 @@ pub struct Views {
     painter: Painter,
     cloud: Arc<SurfelCloud>,
     cameras: Vec<Camera>,
+    /// Target lights with their true images.
     pub targets: Vec<TruthTarget>,
 }
 
 impl Views {
+    /// Loads the true images of an object.
     pub fn load(object: &TruthObject, cloud: &Arc<SurfelCloud>, device: &Device) -> Result<Self> {
         let file = load_cameras(&object.cameras)?;
         let targets = object

@@ -2,16 +2,50 @@
 
 use anyhow::Result;
 
-use super::page::{Dot, Page, Plot};
+use super::Measurement;
+use super::page::{Dot, Page, Plot, write};
 use super::tables::quoted;
-use crate::sweep::{Point, STAGES, Stage};
+use crate::sweep::{self, Effort, Point, STAGES, Stage, Subject, Sweep};
+use transplat_engine::device::Device;
 use transplat_engine::words::milliseconds;
 
 /// The table's name.
-pub const CSV: &str = "error_vs_time.csv";
+const CSV: &str = "error_vs_time.csv";
+
+/// Error against run time.
+pub struct ErrorOverTime {
+    /// Settings that were measured, by device and stage.
+    pub points: usize,
+    /// Summary for people.
+    pub words: String,
+}
+
+/// Measures settings on devices.
+///
+/// # Errors
+/// The table cannot be written, or a device failed.
+pub fn run(
+    how: Measurement<'_>,
+    subject: &Subject,
+    devices: &[Device],
+    page: &mut Page,
+) -> Result<ErrorOverTime> {
+    let effort = match how.is_quick {
+        true => Effort::Quick,
+        false => Effort::Full,
+    };
+    let points = Sweep::run(subject, devices, effort, how.steps)?;
+    write(&how.output.join(CSV), &csv(&points))?;
+    let words = sweep::in_words(&points);
+    onto(page, &points, &words)?;
+    Ok(ErrorOverTime {
+        points: points.len(),
+        words: summary(&points, &words),
+    })
+}
 
 /// All points, for programs; what does not apply is empty.
-pub fn csv(points: &[Point]) -> String {
+fn csv(points: &[Point]) -> String {
     let mut out = String::from(
         "setting,device,stage,time_ms,time_spread_ms,memory_bytes,rel_l2,max_abs,psnr_numeric,psnr_truth,on_front,is_default\n",
     );
@@ -39,7 +73,7 @@ pub fn csv(points: &[Point]) -> String {
 }
 
 /// Plots and tables, stage by stage.
-pub fn onto(page: &mut Page, points: &[Point], words: &[String]) -> Result<()> {
+fn onto(page: &mut Page, points: &[Point], words: &[String]) -> Result<()> {
     page.heading("Error against run time");
     page.paragraph(
         "Two errors, never mixed. Numerical: against the f64 oracle of the same mathematics with everything at its best (SH degree 8, visibility by rays in 2048 directions), on a thinned asset. Model: against path-traced pictures, on the whole asset. Times are medians; the spread is half the distance between the quartiles. A grey line joins the front, what nothing beats in both, where the error is that which counts: to the truth, if there is any. Each stage, device and preset has a front of its own, but by truth the transfers of both presets share one; what differs by less than 0.01 dB or 1 % is equally near. Rings mark the defaults. A bake that is not done yet has the rest filled from the nearest rays, and so holds more.",
@@ -156,7 +190,7 @@ fn plots(page: &mut Page, stage: Stage, device: &str, points: &[&Point]) -> Resu
 }
 
 /// For a terminal.
-pub fn summary(points: &[Point], words: &[String]) -> String {
+fn summary(points: &[Point], words: &[String]) -> String {
     let mut out = String::from("Error against run time (defaults):\n");
     for p in points.iter().filter(|p| p.setting.is_default) {
         let time = p.time.map_or(String::new(), |t| milliseconds(t.ms));
