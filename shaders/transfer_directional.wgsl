@@ -20,14 +20,14 @@ struct DirectionalSettings {
     start: vec3f,
     box_count: u32,
     // Which parts of the colour are wanted, 0 or 1.
-    matte: f32,
+    diffuse: f32,
     mirrored: f32,
     residual: f32,
-    // What blocks a direction whose patch knows no surfel: times the surfel's own radiance.
+    // Blocker of a direction whose stratum has no surfel: times the surfel's own radiance.
     near: f32,
     shadow: u32,
     two_sided: u32,
-    // Power to which a change of matte light is taken.
+    // Power to which a change of diffuse light is taken.
     trust: f32,
     unused: u32,
     // And what it is multiplied by then.
@@ -35,7 +35,7 @@ struct DirectionalSettings {
     unused_b: u32,
 }
 
-struct DirectionalBeam {
+struct DirectionalLightSample {
     // Unit vector towards the source.
     direction: vec3f,
     unused_a: u32,
@@ -62,10 +62,10 @@ struct DirectionalSurfel {
     front_mean: vec3f,
     width: u32,
     back_mean: vec3f,
-    rises: u32,
+    has_fresnel: u32,
     reflectance: vec3f,
-    // How much of the matte colour is its own light.
-    glow: f32,
+    // Share of emission in the diffuse colour.
+    emission_share: f32,
     // Mean encoded colour that the model of the source has.
     encoded_mean: vec3f,
     unused_b: u32,
@@ -76,20 +76,20 @@ struct DirectionalSurfel {
 @group(0) @binding(0) var<uniform> chunk: DirectionalChunk;
 @group(0) @binding(1) var<uniform> settings: DirectionalSettings;
 // Suns, and from MAX_SUNS on the sky.
-@group(0) @binding(2) var<uniform> beams: array<DirectionalBeam, BEAMS>;
+@group(0) @binding(2) var<uniform> light_samples: array<DirectionalLightSample, LIGHT_SAMPLES>;
 @group(0) @binding(3) var<uniform> directions: array<vec4f, DIRECTIONS>;
 @group(0) @binding(4) var<storage, read> surfels: array<DirectionalSurfel>;
-// By patch: the surfel in the low 24 bits, the patch in the next 7, and whether it is met on its back.
+// By stratum: the surfel in the low 24 bits, the stratum in the next 7, and the bit of a hit on its back.
 @group(0) @binding(5) var<storage, read> hits: array<u32>;
 // Irradiance of both sides; in w of the first which suns shine on it.
 @group(0) @binding(8) var<storage, read_write> irradiance: array<vec4f>;
 // Of both sides, for all surfels.
 @group(0) @binding(9) var<storage, read> radiance: array<vec4f>;
 @group(0) @binding(10) var<storage, read_write> next_radiance: array<vec4f>;
-// How much the matte light of both sides changes; in w as above.
+// How much the diffuse light of both sides changes; in w as above.
 @group(0) @binding(11) var<storage, read_write> tau: array<vec4f>;
 // [count][Q][3]
-@group(0) @binding(12) var<storage, read> matte: array<f32>;
+@group(0) @binding(12) var<storage, read> diffuse: array<f32>;
 // [count][K][3]
 @group(0) @binding(13) var<storage, read> residual: array<f32>;
 @group(0) @binding(14) var<storage, read_write> relit: array<f32>;
@@ -99,7 +99,7 @@ struct DirectionalSurfel {
 // Matrices of the nodes, at the offsets TABLE_*.
 @group(0) @binding(16) var<storage, read> tables: array<f32>;
 
-const PATCH_SOLID_ANGLE = 12.566371 / f32(PATCHES);
+const STRATUM_SOLID_ANGLE = 12.566371 / f32(STRATA);
 const SOLID_ANGLE = 12.566371 / f32(DIRECTIONS);
 
 fn is_open(i: u32, direction: u32) -> bool {
@@ -112,11 +112,11 @@ fn is_unseen(i: u32) -> bool {
 }
 
 fn radiance_of(hit: u32) -> vec3f {
-    return radiance[2u * extractBits(hit, 0u, SURFEL_BITS) + (hit >> (SURFEL_BITS + PATCH_BITS))].xyz;
+    return radiance[2u * extractBits(hit, 0u, SURFEL_BITS) + (hit >> (SURFEL_BITS + STRATUM_BITS))].xyz;
 }
 
-fn patch_of(hit: u32) -> u32 {
-    return extractBits(hit, SURFEL_BITS, PATCH_BITS);
+fn stratum_of(hit: u32) -> u32 {
+    return extractBits(hit, SURFEL_BITS, STRATUM_BITS);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -132,7 +132,7 @@ fn see_suns(@builtin(global_invocation_id) id: vec3u) {
     var back = vec3f(0.0);
     var seen = 0u;
     for (var k = 0u; k < settings.suns; k++) {
-        let sun = beams[k];
+        let sun = light_samples[k];
         let cosine = dot(n, sun.direction);
         var open = settings.shadow == 0u;
         if !open && (cosine > 0.0 || surfels[i].two_sided > 0.0) {
@@ -164,7 +164,7 @@ fn gather(@builtin(global_invocation_id) id: vec3u) {
     for (var word = 0u; word < 4u * OPEN_VECTORS; word++) {
         let bits = surfels[i].open[word / 4u][word % 4u];
         for (var bit = 0u; bit < 32u; bit++) {
-            let sky = beams[MAX_SUNS + 32u * word + bit];
+            let sky = light_samples[MAX_SUNS + 32u * word + bit];
             let cosine = select(0.0, dot(n, sky.direction), (bits >> bit & 1u) == 1u);
             front += vec4f(max(cosine, 0.0) * sky.energy, 0.0);
             back += vec4f(max(-cosine, 0.0) * sky.energy, 0.0);
@@ -177,9 +177,9 @@ fn gather(@builtin(global_invocation_id) id: vec3u) {
     next_radiance[all + 1u] = vec4f(surfels[i].back_mean * settings.start, 0.0);
 }
 
-// A change of matte light, as far as the source is known.
-fn believed(change: vec3f, glow: vec3f) -> vec3f {
-    return select(mix(settings.undamped, vec3f(1.0), glow) * pow(change, vec3f(settings.trust)), change, settings.trust >= 1.0);
+// A change of diffuse light, as far as the source is known.
+fn believed(change: vec3f, emission_share: vec3f) -> vec3f {
+    return select(mix(settings.undamped, vec3f(1.0), emission_share) * pow(change, vec3f(settings.trust)), change, settings.trust >= 1.0);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -194,19 +194,19 @@ fn bounce(@builtin(global_invocation_id) id: vec3u) {
     var back = irradiance[2u * i + 1u].xyz;
     for (var k = surfels[i].first_hit; k < end; k++) {
         let hit = hits[k];
-        let cosine = PATCH_SOLID_ANGLE * dot(n, directions[patch_of(hit)].xyz);
+        let cosine = STRATUM_SOLID_ANGLE * dot(n, directions[stratum_of(hit)].xyz);
         let met = radiance_of(hit);
         front += max(cosine, 0.0) * met;
         back += max(-cosine, 0.0) * met;
     }
-    let glow = vec3f(surfels[i].glow);
-    let tau_front = mix(front / max(surfels[i].front_divisor, vec3f(LEAST_IRRADIANCE)), vec3f(1.0), glow);
-    var tau_back = mix(back / max(surfels[i].back_divisor, vec3f(LEAST_IRRADIANCE)), vec3f(1.0), glow);
+    let emission_share = vec3f(surfels[i].emission_share);
+    let tau_front = mix(front / max(surfels[i].front_divisor, vec3f(LEAST_IRRADIANCE)), vec3f(1.0), emission_share);
+    var tau_back = mix(back / max(surfels[i].back_divisor, vec3f(LEAST_IRRADIANCE)), vec3f(1.0), emission_share);
     if settings.two_sided == 0u {
         tau_back = tau_front;
     }
-    tau[2u * i] = vec4f(believed(tau_front, glow), irradiance[2u * i].w);
-    tau[2u * i + 1u] = vec4f(believed(tau_back, glow), 0.0);
+    tau[2u * i] = vec4f(believed(tau_front, emission_share), irradiance[2u * i].w);
+    tau[2u * i + 1u] = vec4f(believed(tau_back, emission_share), 0.0);
     let all = 2u * (chunk.first + i);
     next_radiance[all] = vec4f(surfels[i].front_mean * tau_front, 0.0);
     next_radiance[all + 1u] = vec4f(surfels[i].back_mean * tau_back, 0.0);
@@ -239,24 +239,24 @@ fn decode(value: vec3f) -> vec3f {
     return shown;
 }
 
-// All that shines on the front, a ray a patch, and the suns.
+// All that shines on the front, a ray a stratum, and the suns.
 fn add_rays(i: u32, n: vec3f, frame: vec3f) {
     let own = settings.near * SOLID_ANGLE * radiance[2u * (chunk.first + i)].xyz;
     let width = surfels[i].width;
     let end = surfels[i].end_hit;
     var next = surfels[i].first_hit;
-    for (var p = 0u; p < PATCHES; p++) {
+    for (var p = 0u; p < STRATA; p++) {
         var met = own;
-        if next < end && patch_of(hits[next]) == p {
+        if next < end && stratum_of(hits[next]) == p {
             met = SOLID_ANGLE * radiance_of(hits[next]);
             next++;
         }
         var energy = vec3f(0.0);
         var toward = vec3f(0.0);
-        for (var j = p; j < DIRECTIONS; j += PATCHES) {
+        for (var j = p; j < DIRECTIONS; j += STRATA) {
             let direction = directions[j].xyz;
             if dot(n, direction) > 0.0 {
-                let sky = beams[MAX_SUNS + j];
+                let sky = light_samples[MAX_SUNS + j];
                 let open = is_open(i, j);
                 let e = select(met, sky.energy, open);
                 energy += e;
@@ -270,7 +270,7 @@ fn add_rays(i: u32, n: vec3f, frame: vec3f) {
     }
     let seen = u32(tau[2u * i].w);
     for (var k = 0u; k < settings.suns; k++) {
-        let sun = beams[k];
+        let sun = light_samples[k];
         if (seen >> k & 1u) == 1u && dot(n, sun.direction) > 0.0 {
             add_ray(reflected(sun.direction, frame), sun.energy, width);
         }
@@ -296,7 +296,7 @@ fn finish(@builtin(global_invocation_id) id: vec3u) {
         reflectance = surfels[i].reflectance * ((f32(1u << surfels[i].width) + 1.0) / 12.566371);
         add_rays(i, n, frame);
     }
-    let sum = fit_nodes(i, settings.matte * tau[2u * i].xyz, reflectance, surfels[i].rises == 1u);
+    let sum = fit_nodes(i, settings.diffuse * tau[2u * i].xyz, reflectance, surfels[i].has_fresnel == 1u);
     mirror_all(frame);
     var scale = vec3f(0.0);
     if settings.residual > 0.0 {
@@ -331,8 +331,8 @@ fn add_back(@builtin(global_invocation_id) id: vec3u) {
     for (var k = 0u; k < K; k++) {
         s[k] = vec3f(0.0);
     }
-    let front = settings.matte * tau[2u * i].xyz;
-    let back = clamp(settings.matte * tau[2u * i + 1u].xyz, front / BACK_RANGE, front * BACK_RANGE);
+    let front = settings.diffuse * tau[2u * i].xyz;
+    let back = clamp(settings.diffuse * tau[2u * i + 1u].xyz, front / BACK_RANGE, front * BACK_RANGE);
     for (var side = 0u; side < 2u; side++) {
         for (var node = 0u; node < Q; node++) {
             let value = side_value(side, node);

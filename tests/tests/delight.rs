@@ -6,10 +6,10 @@ use std::path::Path;
 
 use glam::Vec3;
 use transplat_core::bake::Bake;
-use transplat_core::bake::patches::directions;
+use transplat_core::bake::strata::directions;
 use transplat_core::color::{srgb_decode, srgb_encode};
 use transplat_core::environment::EnvironmentMap;
-use transplat_core::files::{load_asset, load_bake, load_cameras, load_environment};
+use transplat_core::files::{load_bake, load_cameras, load_environment, load_splat};
 use transplat_core::rasterize::rasterize;
 use transplat_core::surfels::UpAxis;
 use transplat_tests::{Folder, args, asset, picture, psnr, run_json, run_told, small_splat};
@@ -80,7 +80,7 @@ fn albedo_times_irradiance_is_the_diffuse_channel() {
     let facing = ["nx", "ny", "nz"].map(column);
     let base = ["base_color_0", "base_color_1", "base_color_2"].map(column);
     let (metallic, dc) = (column("metallic"), column("f_dc_1"));
-    let (cloud, _) = load_asset(teapot.as_ref()).expect("the splat");
+    let (cloud, _) = load_splat(teapot.as_ref()).expect("the splat");
     let bake = load_bake(kept.as_ref(), &cloud).expect("its bake");
     let Bake::Directional(bake) = bake else {
         panic!("a bake of preset best");
@@ -100,7 +100,7 @@ fn albedo_times_irradiance_is_the_diffuse_channel() {
     for row in &rows {
         let at = |columns: [usize; 3]| Vec3::from(columns.map(|c| row[c]));
         let surfel = surfel_at(at(place));
-        let seen = bake.sight.seen_by(surfel);
+        let seen = bake.directional_visibility.seen_by(surfel);
         let mut light = [0.0; 3];
         for (d, energy, nearest) in &pixels {
             let cosine = at(facing).dot(*d).max(0.0);
@@ -156,7 +156,7 @@ fn materials_are_written_where_there_is_room_for_them() {
         let accessor = attributes[name].as_u64().expect("an attribute") as usize;
         assert_eq!(document["accessors"][accessor]["type"], shape, "{name}");
     }
-    let (cloud, _) = load_asset(glb.as_ref()).expect("a splat");
+    let (cloud, _) = load_splat(glb.as_ref()).expect("a splat");
     assert_eq!(cloud.len(), 300);
     let spz = folder.name("flat.spz");
     run_told(&args(line, &[&splat, &spz]), 1, &["SPZ", ".ply and .glb"]);
@@ -209,7 +209,7 @@ fn a_format_that_stands_otherwise_has_its_normals_turned() {
         let out = folder.name("up.ply");
         let line = "delight {} --source even --up {} --device cpu -o {}";
         run_json(&args(line, &[&splat, up, &out]));
-        let (_, file) = load_asset(out.as_ref()).expect("a splat");
+        let (_, file) = load_splat(out.as_ref()).expect("a splat");
         assert_eq!(file.report.up, said);
     }
     let (names, rows) = rows(ply.as_ref());
@@ -231,8 +231,8 @@ fn under_even_light_a_capture_in_even_light_looks_as_it_did() {
     let (bake, even) = (baked(&folder, &teapot), folder.name("even.ply"));
     let line = "delight {} --source even --bake {} --as even --device cpu -o {}";
     run_json(&args(line, &[&teapot, &bake, &even]));
-    let (before, _) = load_asset(teapot.as_ref()).expect("the capture");
-    let (after, _) = load_asset(even.as_ref()).expect("what was written");
+    let (before, _) = load_splat(teapot.as_ref()).expect("the capture");
+    let (after, _) = load_splat(even.as_ref()).expect("what was written");
     let dc = |cloud: &transplat_core::surfels::SurfelCloud, i: usize| cloud.sh_of(i)[0];
     let far = (0..before.len()).filter(|i| {
         let pairs = dc(&before, *i).into_iter().zip(dc(&after, *i));

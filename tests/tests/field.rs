@@ -4,7 +4,7 @@
 use std::fs;
 
 use glam::DVec3;
-use transplat_core::files::load_asset;
+use transplat_core::files::load_splat;
 use transplat_tests::{Folder, args, asset, picture, psnr, run_json, run_told, small_splat};
 
 /// A ball of `n` surfels as a PLY in ascii, its positions as `double` moved by an offset, each row changed.
@@ -122,7 +122,7 @@ fn what_is_written_far_from_the_origin_opens_there() {
     for name in ["a.ply", "a.glb", "a.sog"] {
         let out = folder.name(name);
         run_told(&args("convert {} --up +z -o {}", &[&far, &out]), 0, &[]);
-        let (cloud, file) = load_asset(out.as_ref()).expect(name);
+        let (cloud, file) = load_splat(out.as_ref()).expect(name);
         assert_eq!(
             (cloud.len(), file.report.warnings.len()),
             (600, 0),

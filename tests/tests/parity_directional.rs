@@ -5,17 +5,17 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use transplat_core::bake::directional::DirectionalBake;
-use transplat_core::bake::patches::{DIRECTIONS, Found};
+use transplat_core::bake::strata::{DIRECTIONS, Found};
 use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::progress::no_progress;
-use transplat_core::settings::skips::Skips;
+use transplat_core::settings::optimizations::Optimizations;
 use transplat_core::settings::{Method, Terms, TransferSettings};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::synthetic;
 use transplat_core::transfer::directional::{
-    DirectionalAsset, DirectionalLight, DirectionalTransfer,
+    DirectionalCache, DirectionalLight, DirectionalTransfer,
 };
 use transplat_core::transfer::{Part, Relit};
 use transplat_gpu::bake::directional::GpuTracer;
@@ -39,10 +39,10 @@ fn sun() -> DVec3 {
 
 fn prepare(cloud: &SurfelCloud, settings: &TransferSettings) -> Arc<DirectionalTransfer> {
     let bake = DirectionalBake::bake(cloud, &no_progress).expect("not cancelled");
-    let asset = Arc::new(DirectionalAsset::new(
+    let asset = Arc::new(DirectionalCache::new(
         cloud,
         Arc::new(bake),
-        &Skips::default(),
+        &Optimizations::default(),
     ));
     let source = sky(sun(), [1.0, 0.9, 0.8]);
     Arc::new(DirectionalTransfer::new(&asset, &source, settings).expect("with beams"))
@@ -95,7 +95,7 @@ fn transfer() {
         cloud.encoding = encoding;
         let whole = TransferSettings::default();
         let prepared = prepare(&cloud, &whole);
-        assert!(prepared.glossy_surfels > 100 || degree == 0);
+        assert!(prepared.specular_surfels > 100 || degree == 0);
         let on_gpu = GpuDirectional::new(&gpu, &prepared).expect("the driver works");
         let target = prepared.light(&light).expect("with beams");
         // Parts before the whole, to see that nothing is left of the light before.
@@ -183,11 +183,11 @@ fn bake() {
     let cpu = DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled");
     let tracer = DirectionalBake::tracer(&cloud, &no_progress).expect("not cancelled");
     let on_gpu = GpuTracer::new(&gpu, &tracer).expect("the driver works");
-    let by = |patches: &[usize],
+    let by = |strata: &[usize],
               found: &mut [Found],
               progress: transplat_core::progress::Progress<'_>| {
         on_gpu
-            .trace(patches, found, progress)
+            .trace(strata, found, progress)
             .expect("the driver works");
         Ok::<(), transplat_core::Error>(())
     };
@@ -195,7 +195,7 @@ fn bake() {
     let got = DirectionalBake::bake_by(
         &cloud,
         &tracer,
-        (&[8, 2, 1], &Skips::default()),
+        (&[8, 2, 1], &Optimizations::default()),
         by,
         &no_progress,
         |_, _| previews.set(previews.get() + 1),
@@ -205,30 +205,38 @@ fn bake() {
     let (mut rays, mut hits) = (0, 0);
     for i in 0..cloud.len() {
         rays += (0..DIRECTIONS)
-            .filter(|j| cpu.sight.is_open(i, *j) != got.sight.is_open(i, *j))
+            .filter(|j| {
+                cpu.directional_visibility.is_open(i, *j)
+                    != got.directional_visibility.is_open(i, *j)
+            })
             .count();
-        for (c, g) in cpu.sight.hits_of(i).iter().zip(got.sight.hits_of(i)) {
+        for (c, g) in cpu
+            .directional_visibility
+            .hits_of(i)
+            .iter()
+            .zip(got.directional_visibility.hits_of(i))
+        {
             // Of discs in one plane either may be met first.
             let [a, b] = [c, g].map(|h| h.surfel());
             let apart = cloud.positions[a] - cloud.positions[b];
             let plane = apart.dot(cloud.stored_normal(a)).abs() < 1e-4
                 && cloud.stored_normal(a).dot(cloud.stored_normal(b)).abs() > 0.9999;
-            hits += usize::from(c.patch() != g.patch() || !plane);
+            hits += usize::from(c.stratum() != g.stratum() || !plane);
         }
         hits += cpu
-            .sight
+            .directional_visibility
             .hits_of(i)
             .len()
-            .abs_diff(got.sight.hits_of(i).len());
+            .abs_diff(got.directional_visibility.hits_of(i).len());
     }
     println!(
         "bake for best: {rays} of {} rays and {hits} of {} hits differ from the CPU",
         cloud.len() * DIRECTIONS,
-        cpu.sight.hits.len()
+        cpu.directional_visibility.hits.len()
     );
     // A ray that grazes a rim may round to either side of it.
     assert!(rays * 2000 < cloud.len() * DIRECTIONS);
-    assert!(hits * 1000 < cpu.sight.hits.len());
+    assert!(hits * 1000 < cpu.directional_visibility.hits.len());
     let stop = |_| ControlFlow::Break(());
     let mut found: Vec<Found> = (0..cloud.len() as u32).map(Found::of).collect();
     let stopped = on_gpu.trace(&[0, 1], &mut found, &stop);
@@ -272,7 +280,7 @@ fn a_lamp_keeps_shining_on_both() {
         for (f, p) in cloud.sh.iter_mut().zip(&cloud.positions) {
             *f = if is_lamp(p) { color } else { [1.0; 3] };
         }
-        let asset = DirectionalAsset::new(&cloud, bake.clone(), &Skips::default());
+        let asset = DirectionalCache::new(&cloud, bake.clone(), &Optimizations::default());
         let source = Illumination {
             trust,
             ..even.clone()
@@ -283,8 +291,8 @@ fn a_lamp_keeps_shining_on_both() {
         let target = prepared.light(&light).expect("with beams");
         let (cpu, got) = relit_on_both(&gpu, &prepared, &target);
         assert_alike(&cpu, &got, "with a lamp");
-        let glows = |i: &usize| prepared.glow_of(*i) > least;
-        let lamp: Vec<usize> = (0..cloud.len()).filter(glows).collect();
+        let emits = |i: &usize| prepared.emission_share_of(*i) > least;
+        let lamp: Vec<usize> = (0..cloud.len()).filter(emits).collect();
         assert!(!lamp.is_empty() && lamp.iter().all(|i| is_lamp(&cloud.positions[*i])));
         for i in lamp {
             let tau = got.tau[i];

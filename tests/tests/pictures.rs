@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use glam::Vec3;
 use transplat_core::environment::EnvironmentMap;
-use transplat_core::files::{load_environment, load_lut, load_plate, write_environment};
+use transplat_core::files::{load_backplate, load_environment, load_lut, write_environment};
 use transplat_tests::{
     Folder, args, asset, exr_pixels, picture, psnr, root, run_json, run_told, small_lut,
 };
@@ -260,7 +260,7 @@ fn crosses_and_discs_light_as_the_panorama_that_they_show() {
         // What nobody says something of is told by its shape, and a photograph is what it is.
         let told = run_json(&["info", light]);
         assert_eq!(told["layout"], layout);
-        let plate = load_plate(light.as_ref()).expect("a picture");
+        let plate = load_backplate(light.as_ref()).expect("a picture");
         assert_eq!(
             [&told["width"], &told["height"]],
             [plate.width, plate.height]

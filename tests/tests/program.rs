@@ -147,12 +147,12 @@ fn a_film_holds_the_frames_or_says_what_it_needs() {
             .output()
             .expect("the program starts")
     };
-    let (here, pictures, film) = (
+    let (here, pictures, video) = (
         folder.name(""),
         folder.name("pictures/"),
         folder.name("a.webm"),
     );
-    for out in [&pictures, &film] {
+    for out in [&pictures, &video] {
         let told = draw(&here, out);
         assert!(
             told.status.success(),
@@ -164,7 +164,7 @@ fn a_film_holds_the_frames_or_says_what_it_needs() {
         let picture = image::open(folder.name(&format!("pictures/00{i}.png")));
         picture.expect("a picture").into_rgba8().into_raw()
     });
-    assert!(fs::read(&film).expect("a film") == frames.collect::<Vec<u8>>());
+    assert!(fs::read(&video).expect("a film") == frames.collect::<Vec<u8>>());
 
     // Without an encoder, and with one that fails, nothing is left.
     let none = draw("", &folder.name("b.mp4"));
@@ -266,14 +266,14 @@ fn cameras_tell_that_a_splat_lies_on_its_side() {
     let splat = folder.write("a.ply", small_splat(50));
     let cameras = folder.write("transforms.json", level_cameras());
     let line = "render {} --cameras {} --device cpu -o {}";
-    for (at, (up, is_told)) in [("", false), (" --up=+x", true), (" --up=+y", true)]
+    for (at, (up, is_explicit)) in [("", false), (" --up=+x", true), (" --up=+y", true)]
         .into_iter()
         .enumerate()
     {
         let out = folder.name(&at.to_string());
         let told = run_json(&args(&format!("{line}{up}"), &[&splat, &cameras, &out]));
         let warnings = told["warnings"].to_string();
-        assert_eq!(!warnings.contains("(--up=+y)"), is_told, "{warnings}");
+        assert_eq!(!warnings.contains("(--up=+y)"), is_explicit, "{warnings}");
     }
 }
 

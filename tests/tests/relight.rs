@@ -3,7 +3,7 @@
 use std::fs;
 
 use glam::Vec3;
-use transplat_core::files::load_asset;
+use transplat_core::files::load_splat;
 use transplat_core::surfels::SurfelCloud;
 use transplat_tests::{Folder, args, asset, run, run_json, run_told, small_splat};
 
@@ -33,8 +33,8 @@ fn relight_writes_the_layout_that_came_in() {
         .expect("a header")
         + 11;
     assert_eq!(before[..header], after[..header]);
-    let (a, _) = load_asset(teapot.as_ref()).expect("the asset");
-    let (b, _) = load_asset(out.as_ref()).expect("the result");
+    let (a, _) = load_splat(teapot.as_ref()).expect("the asset");
+    let (b, _) = load_splat(out.as_ref()).expect("the result");
     assert_eq!(
         (&a.positions, &a.scales, &a.opacities),
         (&b.positions, &b.scales, &b.opacities)
@@ -61,7 +61,7 @@ fn relight_takes_a_rig_of_lights() {
         let out = folder.name("out.ply");
         let line = "relight {} --source even --rig {} --device {} -o {}";
         run_json(&args(line, &[&splat, rig, device, &out]));
-        let (cloud, _) = load_asset(out.as_ref()).expect("the result");
+        let (cloud, _) = load_splat(out.as_ref()).expect("the result");
         cloud
     };
     let brightness = |cloud: &SurfelCloud, x: f32, y: f32| {
@@ -117,7 +117,7 @@ fn a_rig_is_told_on_the_command_line_and_written_as_an_environment() {
     let relit = |told: &[&str]| {
         let line = "relight {} --source even --device cpu -o {}";
         run_json(&[&args(line, &[&splat, &out])[..], told].concat());
-        let (cloud, _) = load_asset(out.as_ref()).expect("the result");
+        let (cloud, _) = load_splat(out.as_ref()).expect("the result");
         cloud.sh
     };
     let expected = relit(&["--rig", &both]);
@@ -220,8 +220,8 @@ fn even_light_to_even_light_changes_little() {
         "relight {} --source even --target even -o {} --epsilon 0.000001 --device cpu",
         &[&splat, &out],
     ));
-    let (a, _) = load_asset(splat.as_ref()).expect("the splat");
-    let (b, _) = load_asset(out.as_ref()).expect("the result");
+    let (a, _) = load_splat(splat.as_ref()).expect("the splat");
+    let (b, _) = load_splat(out.as_ref()).expect("the result");
     for (a, b) in a.sh.iter().flatten().zip(b.sh.iter().flatten()) {
         assert!((a - b).abs() < 1e-4, "{a} {b}");
     }
@@ -288,8 +288,8 @@ fn a_splat_of_another_format_is_relit_in_its_own() {
         "{warned}"
     );
     // It had +z up, and has +y there.
-    let (before, _) = load_asset(splat.as_ref()).expect("the teapot");
-    let (after, _) = load_asset(packed.as_ref()).expect("what was written");
+    let (before, _) = load_splat(splat.as_ref()).expect("the teapot");
+    let (after, _) = load_splat(packed.as_ref()).expect("what was written");
     let (before, after) = (before.bounds(), after.bounds());
     assert!((before.radius / after.radius - 1.0).abs() < 0.01);
     assert!((before.center.z - after.center.y).abs() < 1e-3 * before.radius);
@@ -298,7 +298,7 @@ fn a_splat_of_another_format_is_relit_in_its_own() {
     run_json(&args(line, &[&packed, &sunset, &out]));
     run_json(&args(line, &[&packed, &sunset, &glb]));
     for name in ["relit/sunset.spz", "teapot.glb"] {
-        let (relit, _) = load_asset(folder.path(name).as_ref()).expect("a relit splat");
+        let (relit, _) = load_splat(folder.path(name).as_ref()).expect("a relit splat");
         assert!(relit.bounds().center.distance(after.center) < 1e-3 * after.radius);
     }
     run_told(

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use transplat_core::color::{Encoding, encode_sh};
-use transplat_core::files::{load_asset, load_environment, write_splat};
+use transplat_core::files::{load_environment, load_splat, write_splat};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::synthetic;
 use transplat_tests::{Folder, args, asset, picture, psnr, run_json, run_told};
@@ -46,7 +46,7 @@ fn mean(pixels: impl Iterator<Item = f32> + Clone) -> f32 {
 #[test]
 fn a_capture_that_is_split_in_two_is_drawn_as_the_whole() {
     let folder = Folder::empty();
-    let (whole, _) = load_asset(asset("teapot.ply").as_ref()).expect("the asset");
+    let (whole, _) = load_splat(asset("teapot.ply").as_ref()).expect("the asset");
     for (name, half) in [("even.ply", 0), ("odd.ply", 1)] {
         let taken: Vec<usize> = (half..whole.len()).step_by(2).collect();
         let part = whole.selected(&taken);
@@ -74,8 +74,8 @@ fn an_object_darkens_the_scene_below_it_and_nothing_far_from_it() {
     ));
     assert_eq!(told["surfels"], 1600 + 1500);
     assert_eq!(told["targets"][0]["name"], "even");
-    let (before, _) = load_asset(&folder.path("plate.ply")).expect("the plate");
-    let (after, _) = load_asset(&folder.path("out/plate.ply")).expect("the plate, relit");
+    let (before, _) = load_splat(&folder.path("plate.ply")).expect("the plate");
+    let (after, _) = load_splat(&folder.path("out/plate.ply")).expect("the plate, relit");
     let ratio = |near: f32, far: f32| {
         let there = |i: &usize| (near..far).contains(&before.positions[*i].length());
         let light = |cloud: &SurfelCloud, i: usize| {
@@ -180,13 +180,13 @@ fn an_object_of_a_scene_whose_first_is_not_shown_stays_where_it_stands() {
         let told = run_json(&args(line, &[&hidden, &city, out]));
         assert_eq!(told["surfels"], 1500);
     }
-    let (placed, _) = load_asset(one.as_ref()).expect("the ball where it stands");
+    let (placed, _) = load_splat(one.as_ref()).expect("the ball where it stands");
     let around = placed.bounds();
     assert!(around.center.distance(glam::Vec3::new(0.0, 0.0, 0.5)) < 0.02);
     assert!((around.radius / 0.4 - 1.0).abs() < 0.1, "{}", around.radius);
     assert_eq!(placed.up, transplat_core::surfels::UpAxis::MinusY);
     let own = folder.path("own/city.ply");
-    let (captured, _) = load_asset(&own).expect("the ball as it was captured");
+    let (captured, _) = load_splat(&own).expect("the ball as it was captured");
     assert!(captured.bounds().center.length() < 0.02);
 }
 
@@ -488,7 +488,7 @@ fn what_is_cut_out_of_a_capture_was_lit_by_the_rest() {
     // Dark: it throws back little.
     cloud.sh.iter_mut().flatten().for_each(|v| *v *= 0.2);
     let capture = write(&folder, "capture.ply", &cloud);
-    let (cloud, _) = load_asset(capture.as_ref()).expect("the capture");
+    let (cloud, _) = load_splat(capture.as_ref()).expect("the capture");
     let cut = |keep: &str| {
         format!(
             r#""asset": "capture.ply", "source": {{"file": "even"}}, "cut": [{{"keep": "{keep}", "min": [-9, -9, 0.1], "max": [9, 9, 9]}}]"#
@@ -514,7 +514,7 @@ fn what_is_cut_out_of_a_capture_was_lit_by_the_rest() {
         "relight {} --target even --device cpu -o {}",
         &[&away, &folder.name("out/")],
     ));
-    let (slab, _) = load_asset(&folder.path("out/even.ply")).expect("the slab");
+    let (slab, _) = load_splat(&folder.path("out/even.ply")).expect("the slab");
     assert_eq!(slab.len(), cloud.len() - 900);
     let below = |cloud: &SurfelCloud, from: usize| {
         let each = (0..slab.len()).filter(|i| {

@@ -10,10 +10,10 @@ use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::present::PLAIN;
 use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{rasterize, shade};
-use transplat_core::settings::skips::{Skip, Skipped, Skips};
+use transplat_core::settings::optimizations::{Optimization, Optimizations, SkippedWork};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::with_degree;
-use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
+use transplat_core::surfels::{SurfelCloud, SurfelFilter, UpAxis};
 use transplat_core::synthetic;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::Context;
@@ -32,11 +32,11 @@ fn sky(toward: DVec3, tint: [f32; 3], sun: f32) -> Illumination {
 
 /// Something that does not need something.
 struct Case {
-    skip: Skip,
+    skip: Optimization,
     method: Method,
     cloud: SurfelCloud,
     lights: [Illumination; 2],
-    hide: Hide,
+    hide: SurfelFilter,
     /// PSNR in dB that forcing it leaves at least.
     least_psnr: f64,
 }
@@ -56,7 +56,7 @@ fn cases() -> Vec<Case> {
         method,
         cloud,
         lights: lights(),
-        hide: Hide::default(),
+        hide: SurfelFilter::default(),
         least_psnr,
     };
     let ball = || synthetic::sphere(1500);
@@ -68,59 +68,79 @@ fn cases() -> Vec<Case> {
     for opacity in faint.opacities.iter_mut().step_by(5) {
         *opacity = 0.003;
     }
-    let glossy = synthetic::glossy_sphere_over_plate(700, 3);
+    let specular = synthetic::glossy_sphere_over_plate(700, 3);
     let gray = |sun| sky(DVec3::new(-0.6, 0.48, 0.64), [0.7; 3], sun);
     vec![
         // What a closed side's rays could add is how two-sided a surfel is.
         case(
-            Skip::ClosedSides,
+            Optimization::ClosedSides,
             Method::Directional,
             synthetic::sphere_over_plate(1500),
             60.0,
         ),
-        case(Skip::OpenObject, Method::Directional, ball(), 45.0),
-        case(Skip::OpenObject, Method::Harmonic, ball(), 40.0),
+        case(Optimization::OpenObject, Method::Directional, ball(), 45.0),
+        case(Optimization::OpenObject, Method::Harmonic, ball(), 40.0),
         // Who follows sees nearly what its leader does: shadows are off by the distance between two of those.
         case(
-            Skip::SharedSight,
+            Optimization::SharedVisibility,
             Method::Directional,
             synthetic::sphere_over_plate(40_000),
             60.0,
         ),
         // A third of the rays, of which less than one in a hundred is told wrongly.
         case(
-            Skip::AgreedRays,
+            Optimization::InferredRays,
             Method::Directional,
             synthetic::sphere_over_plate(66_000),
             50.0,
         ),
         // One in two tells what the other is made of as well.
         case(
-            Skip::SharedGloss,
+            Optimization::SharedLobes,
             Method::Directional,
             synthetic::glossy_sphere_over_plate(66_000, 2),
             45.0,
         ),
-        case(Skip::EmptyBands, Method::Directional, plain.clone(), SAME),
-        case(Skip::EmptyBands, Method::Harmonic, plain, SAME),
+        case(
+            Optimization::EmptyBands,
+            Method::Directional,
+            plain.clone(),
+            SAME,
+        ),
+        case(Optimization::EmptyBands, Method::Harmonic, plain, SAME),
         Case {
             lights: [lights()[0].clone(), gray(300.0)],
-            ..case(Skip::GrayLight, Method::Harmonic, glossy.clone(), SAME)
+            ..case(
+                Optimization::GrayLight,
+                Method::Harmonic,
+                specular.clone(),
+                SAME,
+            )
         },
         Case {
             lights: [lights()[0].clone(), gray(0.0)],
-            ..case(Skip::Suns, Method::Directional, glossy.clone(), SAME)
+            ..case(
+                Optimization::Suns,
+                Method::Directional,
+                specular.clone(),
+                SAME,
+            )
         },
-        case(Skip::Bounces, Method::Directional, ball(), SAME),
-        case(Skip::Matte, Method::Directional, glossy.clone(), SAME),
-        case(Skip::Unseen, Method::Directional, faint, SAME),
+        case(Optimization::Bounces, Method::Directional, ball(), SAME),
+        case(
+            Optimization::DiffuseSurfels,
+            Method::Directional,
+            specular.clone(),
+            SAME,
+        ),
+        case(Optimization::Unseen, Method::Directional, faint, SAME),
         Case {
-            hide: Hide {
+            hide: SurfelFilter {
                 crop: true,
                 crop_max: Vec3::new(0.2, 1.0, 1.0),
-                ..Hide::default()
+                ..SurfelFilter::default()
             },
-            ..case(Skip::Unseen, Method::Directional, glossy, SAME)
+            ..case(Optimization::Unseen, Method::Directional, specular, SAME)
         },
     ]
 }
@@ -143,19 +163,23 @@ fn relit(
 }
 
 /// A picture of the case, and what was left out on the way.
-fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 3]>, Vec<Skipped>) {
+fn picture(
+    case: &Case,
+    gpu: Option<&Arc<Context>>,
+    optimizations: Optimizations,
+) -> (Vec<[f32; 3]>, Vec<SkippedWork>) {
     let settings = TransferSettings {
-        skips,
+        optimizations,
         ..TransferSettings::of(case.method)
     };
     let cloud = Arc::new(case.cloud.clone());
-    let bake = Bake::with_skips(&cloud, case.method, 128, &skips, &no_progress);
+    let bake = Bake::with_optimizations(&cloud, case.method, 128, &optimizations, &no_progress);
     let bake = bake.expect("not cancelled");
     let [source, target] = &case.lights;
     let prepared = PreparedTransfer::new(&cloud, &bake, source, &settings).expect("good settings");
     let bounds = cloud.bounds();
-    let unseen = case.hide.unseen(&cloud, &bounds, &skips);
-    let left_alone = if skips.has(Skip::Unseen) {
+    let unseen = case.hide.unseen(&cloud, &bounds, &optimizations);
+    let left_alone = if optimizations.has(Optimization::Unseen) {
         &unseen[..]
     } else {
         &[]
@@ -181,18 +205,18 @@ fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 
         let colors = shade(&cloud.positions, sh, degree, encoding, camera.eye, PLAIN);
         rasterize(&cloud, &camera, &colors, &unseen)
     };
-    let mut left_out = bake.left_out();
-    left_out.extend(prepared.left_out(&cloud));
-    left_out.extend(prepared.left_out_for(target, gpu.is_some()));
-    left_out.extend(Skipped::of_unseen(left_alone));
+    let mut skipped_work = bake.skipped_work();
+    skipped_work.extend(prepared.skipped_work(&cloud));
+    skipped_work.extend(prepared.skipped_work_for(target, gpu.is_some()));
+    skipped_work.extend(SkippedWork::of_unseen(left_alone));
     let pixels = raster.pixels.iter().map(|[r, g, b, _]| [*r, *g, *b]);
-    (pixels.collect(), left_out)
+    (pixels.collect(), skipped_work)
 }
 
 fn same_when_forced(gpu: Option<&Arc<Context>>) {
     for case in cases() {
-        let forced = Skips::default().without(case.skip);
-        let (with, told) = picture(&case, gpu, Skips::default());
+        let forced = Optimizations::default().without(case.skip);
+        let (with, told) = picture(&case, gpu, Optimizations::default());
         let (without, told_forced) = picture(&case, gpu, forced);
         let psnr = psnr(&with, &without);
         println!(
@@ -203,9 +227,9 @@ fn same_when_forced(gpu: Option<&Arc<Context>>) {
         assert!(psnr >= case.least_psnr, "{:?}: {psnr} dB", case.skip);
         // The picture shows something.
         assert!(with.iter().flatten().any(|v| *v > 0.2), "{:?}", case.skip);
-        let has = |told: &[Skipped]| told.iter().any(|s| s.skip == Some(case.skip));
+        let has = |told: &[SkippedWork]| told.iter().any(|s| s.skip == Some(case.skip));
         // The GPU works on all channels at once.
-        let is_left_out = gpu.is_none() || case.skip != Skip::GrayLight;
+        let is_left_out = gpu.is_none() || case.skip != Optimization::GrayLight;
         assert_eq!(has(&told), is_left_out, "{:?}: {told:?}", case.skip);
         assert!(!has(&told_forced), "{:?}: {told_forced:?}", case.skip);
     }
@@ -226,17 +250,17 @@ fn a_scene_that_needs_everything_leaves_out_nothing_but_closed_sides() {
     let toward_sun = Vec3::new(0.4, 0.2, 0.9).normalize();
     let case = Case {
         // Of no account here.
-        skip: Skip::ClosedSides,
+        skip: Optimization::ClosedSides,
         method: Method::Directional,
         cloud: synthetic::mirroring_ball_plate_and_sheet(toward_sun, 3),
         lights: [
             sky(toward_sun.as_dvec3(), [1.0, 0.9, 0.8], 300.0),
             sky(DVec3::new(-0.6, 0.48, 0.64), [0.4, 0.7, 1.0], 300.0),
         ],
-        hide: Hide::default(),
+        hide: SurfelFilter::default(),
         least_psnr: SAME,
     };
-    let told = picture(&case, None, Skips::default()).1;
+    let told = picture(&case, None, Optimizations::default()).1;
     let others: Vec<&str> = told.iter().map(|s| s.what.as_str()).collect();
     assert!(
         others

@@ -216,7 +216,7 @@ fn all_is_said_in_the_language() {
     d.harness.key_press(Key::J);
     d.settle();
     check(&d, "sun and sky, timeline");
-    for view in [View::Split, View::Tau, View::Doubts] {
+    for view in [View::Split, View::Tau, View::Confidence] {
         d.after(|v| v.session.project.scene.view = view);
         check(&d, &format!("{view:?}"));
     }

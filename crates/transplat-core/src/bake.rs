@@ -1,20 +1,20 @@
 //! Stage *bake*: what blocks the light, of the geometry alone; for each method in a form of its own.
 
-mod agreed;
 pub mod directional;
-pub mod front;
+pub mod directional_visibility;
 pub mod harmonic;
 mod hierarchy;
+mod inferred_visibility;
 pub mod insertion;
 pub mod open_object;
-pub mod patches;
+pub mod outward_side;
 pub mod scaled;
 pub mod scene;
-pub mod sharing;
-pub mod sight;
+pub mod strata;
 pub mod surroundings;
 pub mod trace;
 pub(crate) mod transmittance;
+pub mod visibility_clusters;
 
 use std::sync::Arc;
 
@@ -23,15 +23,15 @@ use glam::Vec3;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::settings::Method;
-use crate::settings::skips::{Skip, Skipped, Skips, Stage};
+use crate::settings::optimizations::{Optimization, Optimizations, SkippedWork, Stage};
 use crate::sh::lattice;
 use crate::surfels::SurfelCloud;
 
-use agreed::AGREED_ERROR;
 use directional::{CLOSED_SIDES_ERROR, DirectionalBake};
 use harmonic::HarmonicBake;
+use inferred_visibility::INFERRED_ERROR;
 use scene::SceneBake;
-use sharing::SHARED_SIGHT_ERROR;
+use visibility_clusters::SHARED_VISIBILITY_ERROR;
 
 /// Cost of a ray into a closed side, in mean rays: it soon hits something. (0.5 to 0.9 on the objects of the report.)
 const CLOSED_RAY_COST: f32 = 0.75;
@@ -78,18 +78,24 @@ impl Bake {
         directions: usize,
         progress: Progress<'_>,
     ) -> Result<Self> {
-        Self::with_skips(cloud, method, directions, &Skips::default(), progress)
+        Self::with_optimizations(
+            cloud,
+            method,
+            directions,
+            &Optimizations::default(),
+            progress,
+        )
     }
 
     /// Bakes with some optimizations switched off.
     ///
     /// # Errors
     /// As [`Bake::new`].
-    pub fn with_skips(
+    pub fn with_optimizations(
         cloud: &SurfelCloud,
         method: Method,
         directions: usize,
-        skips: &Skips,
+        optimizations: &Optimizations,
         progress: Progress<'_>,
     ) -> Result<Self> {
         if progress(0.0).is_break() {
@@ -97,14 +103,18 @@ impl Bake {
         }
         Ok(match method {
             Method::Directional => {
-                let stages = (&[1][..], skips);
+                let stages = (&[1][..], optimizations);
                 let baked = DirectionalBake::bake_in_stages(cloud, stages, progress, |_, _| ())?;
                 Self::Directional(Arc::new(baked))
             }
             Method::Harmonic => {
                 let open = || HarmonicBake::of_open_object(cloud, directions);
                 Self::Harmonic(Arc::new(
-                    match skips.has(Skip::OpenObject).then(open).flatten() {
+                    match optimizations
+                        .has(Optimization::OpenObject)
+                        .then(open)
+                        .flatten()
+                    {
                         Some(open) => open,
                         None => harmonic::bake(cloud, directions, progress)?,
                     },
@@ -114,15 +124,18 @@ impl Bake {
     }
 
     /// Work that was skipped.
-    pub fn left_out(&self) -> Vec<Skipped> {
+    pub fn skipped_work(&self) -> Vec<SkippedWork> {
         let mut out = Vec::new();
-        let (open_object, [closed, followers, agreed]) = match self {
+        let (open_object, [closed, followers, inferred_visibility]) = match self {
             Self::Harmonic(v) => (v.open_object_error, [0.0; 3]),
             Self::Directional(o) => {
-                let followers = o.sight.sharing.follower_share();
+                let followers = o
+                    .directional_visibility
+                    .visibility_clusters
+                    .follower_share();
                 (
                     o.open_object_error,
-                    [o.closed_share, followers, o.agreed_share],
+                    [o.closed_share, followers, o.inferred_share],
                 )
             }
             // An object's own rays are told of where it is baked.
@@ -135,29 +148,29 @@ impl Bake {
                 "the splats are so large that each ray would cross hundreds of them: it meets every {}th",
                 bake.tracer.thinning
             );
-            out.push(Skipped {
+            out.push(SkippedWork {
                 max_error: None,
-                ..Skipped::exact(Stage::Bake, "most of what rays meet", why)
+                ..SkippedWork::exact(Stage::Bake, "most of what rays meet", why)
             });
         }
         if open_object.is_some() {
             let why = "no surfel blocks the light of another in any direction that was asked";
-            out.push(Skipped {
+            out.push(SkippedWork {
                 max_error: open_object,
-                skip: Some(Skip::OpenObject),
-                ..Skipped::exact(Stage::Bake, "the bake", why)
+                skip: Some(Optimization::OpenObject),
+                ..SkippedWork::exact(Stage::Bake, "the bake", why)
             });
         }
         let spared = [
             (
                 CLOSED_RAY_COST * closed,
-                (Skip::ClosedSides, CLOSED_SIDES_ERROR),
+                (Optimization::ClosedSides, CLOSED_SIDES_ERROR),
                 "rays into closed sides",
                 (closed, "rays would start on sides that are closed"),
             ),
             (
                 RAYS_OF_BAKE * followers,
-                (Skip::SharedSight, SHARED_SIGHT_ERROR),
+                (Optimization::SharedVisibility, SHARED_VISIBILITY_ERROR),
                 "rays of neighbours",
                 (
                     followers,
@@ -165,22 +178,22 @@ impl Bake {
                 ),
             ),
             (
-                AGREED_RAY_COST * agreed,
-                (Skip::AgreedRays, AGREED_ERROR),
+                AGREED_RAY_COST * inferred_visibility,
+                (Optimization::InferredRays, INFERRED_ERROR),
                 "rays of which others tell",
                 (
-                    agreed,
+                    inferred_visibility,
                     "rays are told by the nearest ones, which all leave or are all blocked",
                 ),
             ),
         ];
         let spared = spared.into_iter().filter(|(share, ..)| *share > 0.0);
         out.extend(
-            spared.map(|(share, (skip, error), what, (of, why))| Skipped {
+            spared.map(|(share, (skip, error), what, (of, why))| SkippedWork {
                 share: Some(share),
                 skip: Some(skip),
                 max_error: Some(error),
-                ..Skipped::exact(
+                ..SkippedWork::exact(
                     Stage::Bake,
                     what,
                     format!("{:.0} % of the {why}", 100.0 * of),
@@ -221,7 +234,7 @@ impl Bake {
     pub fn directions(&self) -> usize {
         match self {
             Self::Harmonic(v) => v.directions,
-            Self::Directional(_) | Self::Scene(_) => patches::DIRECTIONS,
+            Self::Directional(_) | Self::Scene(_) => strata::DIRECTIONS,
         }
     }
 
@@ -229,7 +242,9 @@ impl Bake {
     pub fn bytes(&self) -> usize {
         match self {
             Self::Harmonic(v) => v.open.len(),
-            Self::Directional(o) => size_of_val(&o.tracer.fronts.of[..]) + o.sight.bytes(),
+            Self::Directional(o) => {
+                size_of_val(&o.tracer.outward_sides.of[..]) + o.directional_visibility.bytes()
+            }
             Self::Scene(s) => s.bytes(),
         }
     }
@@ -306,7 +321,7 @@ impl Bake {
                 .zip(&v.open[i * v.directions..])
                 .map(|(d, open)| (d, f32::from(*open) / 255.0))
                 .collect(),
-            Self::Directional(o) => o.sight.seen_by(i),
+            Self::Directional(o) => o.directional_visibility.seen_by(i),
             Self::Scene(s) => s.seen_by(i),
         }
     }

@@ -32,7 +32,7 @@ const BEYOND: f32 = 0.01;
 const ROOM: f32 = 0.05;
 
 /// The corners of a box around the object where a capture holds a room or a landscape besides, in the capture's radius around its centre, as
-/// [`crate::surfels::Hide`] has them; nothing where there is no more than the object.
+/// [`crate::surfels::SurfelFilter`] has them; nothing where there is no more than the object.
 pub fn proposed_crop(cloud: &SurfelCloud, bounds: &Bounds) -> Option<[Vec3; 2]> {
     let step = cloud.len().div_ceil(MOST_SURFELS).max(1);
     let looked_at = (0..cloud.len()).step_by(step);

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::bake::directional::DirectionalBake;
-use crate::bake::patches::{DIRECTIONS, directions};
+use crate::bake::strata::{DIRECTIONS, directions};
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::error::Result;
 use crate::progress::{Progress, part};

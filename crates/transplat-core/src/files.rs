@@ -28,20 +28,20 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 
-pub use asset::{AssetFile, load_asset, losses, write_delit, write_relit, write_splat};
+pub use asset::{SplatFile, load_splat, losses, write_delit, write_relit, write_splat};
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake, save_bake};
 pub use cameras::{CameraFile, CameraFrame, cameras_of_training, load_cameras};
 pub use estimate::{load_estimate, save_estimate};
 pub use format::SplatFormat;
 pub use gltf::percent_decoded;
 pub use image::{
-    image_size, load_environment, load_environment_as, load_image, load_picture, load_plate,
+    image_size, load_backplate, load_environment, load_environment_as, load_image, load_picture,
 };
 pub use kind::{FileKind, file_kind, file_of};
 pub use look::{load_look, load_rig, look_text, save_look, save_rig};
 pub use lut::load_lut;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS, check_readable};
-pub use rows::{AssetKind, AssetReport};
+pub use rows::{SplatKind, SplatReport};
 pub use write::{
     Channel, ExrFloats, PngBits, check_folder, check_output, folder_of, is_environment_name,
     write_atomically, write_environment, write_exr, write_layers, write_png,

@@ -18,7 +18,7 @@
 //! use transplat_core::settings::TransferSettings;
 //! use transplat_core::transfer::{Part, PreparedTransfer};
 //!
-//! // An asset (here a grey sphere; `files::load_asset` reads a PLY), the light it was captured in, and another one.
+//! // An asset (here a grey sphere; `files::load_splat` reads a PLY), the light it was captured in, and another one.
 //! let cloud = synthetic::sphere(500);
 //! let source = Illumination::even(3);
 //! let sky = EnvironmentMap::new(1, 2, vec![[2.0, 2.0, 3.0], [0.0; 3]]);
@@ -33,6 +33,7 @@
 //! # Ok::<(), transplat_core::Error>(())
 //! ```
 
+pub mod backplate;
 pub mod bake;
 pub mod camera;
 pub mod color;
@@ -53,7 +54,6 @@ mod morton;
 mod nearest;
 pub mod numeric;
 pub mod oracle;
-pub mod plate;
 pub mod present;
 pub mod probe;
 pub mod progress;
@@ -64,6 +64,6 @@ pub mod sh;
 pub mod surfels;
 pub mod synthetic;
 pub mod transfer;
-pub mod upright;
+pub mod up_axis;
 
 pub use error::{Error, Result, refusal};

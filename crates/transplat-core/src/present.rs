@@ -39,11 +39,13 @@ pub enum View {
     /// Albedo: the share of light that is scattered, or mirrored by metal, by channel.
     Albedo,
     /// Share of each surfel's colour that is emission.
-    Glow,
+    #[serde(rename = "glow", alias = "emission")]
+    Emission,
     /// The transfer ratio in stops: blue is -3 and less, white 0, red +3 and more.
     Tau,
-    /// Surfels that were relit with less than all that the method knows, by the colours of [`Doubt`].
-    Doubts,
+    /// Surfels that were relit with less than all that the method knows, by the colours of [`LowConfidence`].
+    #[serde(rename = "doubts", alias = "confidence")]
+    Confidence,
 }
 
 impl View {
@@ -60,9 +62,9 @@ impl View {
         Self::Depth,
         Self::Visibility,
         Self::Albedo,
-        Self::Glow,
+        Self::Emission,
         Self::Tau,
-        Self::Doubts,
+        Self::Confidence,
     ];
 
     /// True where an image of it needs the relit colour.
@@ -70,14 +72,14 @@ impl View {
         self.has_two_sides()
             || matches!(
                 self,
-                Self::After | Self::Diffuse | Self::Specular | Self::Tau | Self::Doubts
+                Self::After | Self::Diffuse | Self::Specular | Self::Tau | Self::Confidence
             )
             || self.is_of_materials()
     }
 
     /// True for materials, which no target light changes.
     pub fn is_of_materials(self) -> bool {
-        matches!(self, Self::Albedo | Self::Glow)
+        matches!(self, Self::Albedo | Self::Emission)
     }
 
     /// Part of the relit colour that it shows.
@@ -131,20 +133,24 @@ impl View {
 pub fn material_colors(view: View, prepared: &PreparedTransfer) -> Vec<[f32; 3]> {
     let materials = prepared.materials(None);
     match view {
-        View::Glow => materials.each.iter().map(|m| glow_color(m.glow)).collect(),
+        View::Emission => materials
+            .each
+            .iter()
+            .map(|m| emission_color(m.emission_share))
+            .collect(),
         _ => materials.colors(),
     }
 }
 
-/// The display colour of a surfel in [`View::Glow`] of whose colour so much is its own light, 0 to 1.
-pub fn glow_color(glow: f32) -> [f32; 3] {
+/// The display colour of a surfel in [`View::Emission`] of whose colour so much is its own light, 0 to 1.
+pub fn emission_color(emission_share: f32) -> [f32; 3] {
     let [none, whole] = [[0.12, 0.12, 0.14], [1.0, 0.85, 0.35]];
-    std::array::from_fn(|c| none[c] + glow * (whole[c] - none[c]))
+    std::array::from_fn(|c| none[c] + emission_share * (whole[c] - none[c]))
 }
 
 /// Reason for low confidence in a relit colour; the first that applies is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Doubt {
+pub enum LowConfidence {
     /// Its values are no numbers, or it is too faint to be seen: it is not drawn.
     LeftOut,
     /// The source light on it is darker than epsilon: its ratio is epsilon's, not the light's.
@@ -157,7 +163,7 @@ pub enum Doubt {
     AmbiguousNormal,
 }
 
-impl Doubt {
+impl LowConfidence {
     /// All of them, the gravest first.
     pub const ALL: [Self; 5] = [
         Self::LeftOut,
@@ -179,16 +185,16 @@ impl Doubt {
     }
 }
 
-/// The display colour of surfels in [`View::Doubts`] of which nothing is doubtful.
+/// The display colour of surfels in [`View::Confidence`] of which nothing is doubtful.
 pub const NO_DOUBT: [f32; 3] = [0.85, 0.85, 0.85];
 
 /// Reasons for low confidence by surfel, `[n]`; `tau` is that of a [`crate::transfer::Relit`].
-pub fn doubts(
+pub fn confidence(
     cloud: &SurfelCloud,
     bake: &Bake,
     prepared: &PreparedTransfer,
     tau: &[[f32; 3]],
-) -> Vec<Option<Doubt>> {
+) -> Vec<Option<LowConfidence>> {
     // A stored DC at white, less what an 8-bit picture cannot tell.
     let white = (1.0 - STORED_OFFSET - 2.0 / 255.0) * crate::sh::SQRT_4PI as f32;
     (0..cloud.len())
@@ -198,25 +204,26 @@ pub fn doubts(
                 .iter()
                 .fold((f32::INFINITY, 0f32), |(a, b), t| (a.min(*t), b.max(*t)));
             if cloud.opacities[i] <= crate::surfels::MIN_ALPHA {
-                Some(Doubt::LeftOut)
+                Some(LowConfidence::LeftOut)
             } else if prepared.is_dark(i) {
-                Some(Doubt::DarkSource)
+                Some(LowConfidence::DarkSource)
             } else if dc.iter().any(|c| *c >= white) {
-                Some(Doubt::Clipped)
+                Some(LowConfidence::Clipped)
             } else if most >= 8.0 || least <= 0.125 {
-                Some(Doubt::AtLimit)
+                Some(LowConfidence::AtLimit)
             } else {
-                bake.is_ambiguous(i).then_some(Doubt::AmbiguousNormal)
+                bake.is_ambiguous(i)
+                    .then_some(LowConfidence::AmbiguousNormal)
             }
         })
         .collect()
 }
 
 /// Doubts as surfel colours.
-pub fn doubt_colors(doubts: &[Option<Doubt>]) -> Vec<[f32; 3]> {
-    doubts
+pub fn confidence_colors(confidence: &[Option<LowConfidence>]) -> Vec<[f32; 3]> {
+    confidence
         .iter()
-        .map(|d| d.map_or(NO_DOUBT, Doubt::color))
+        .map(|d| d.map_or(NO_DOUBT, LowConfidence::color))
         .collect()
 }
 
@@ -236,7 +243,8 @@ pub enum Background {
     /// The environment: the target's behind what is relit, the source's behind what is not.
     Environment,
     /// The scene's plate.
-    Plate,
+    #[serde(rename = "plate")]
+    Backplate,
 }
 
 /// Edge of a square of the checkerboard, in pixels.
@@ -253,7 +261,7 @@ pub fn plain_background(
     height: usize,
 ) -> Option<[f32; 3]> {
     match background {
-        Background::Transparent | Background::Environment | Background::Plate => None,
+        Background::Transparent | Background::Environment | Background::Backplate => None,
         Background::Color(color) => Some(color),
         Background::Gradient(top, bottom) => {
             let t = (y as f32 + 0.5) / height as f32;

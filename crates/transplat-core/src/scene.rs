@@ -194,7 +194,7 @@ impl Scene {
     /// them were.
     pub fn first_is_a_place(&self) -> bool {
         let first_is_shown = self.objects[0].shown;
-        first_is_shown && self.background != Background::Plate && !self.shadow_catcher
+        first_is_shown && self.background != Background::Backplate && !self.shadow_catcher
     }
 
     /// Capture lights of the objects and, last, the target light.
@@ -313,7 +313,10 @@ impl Scene {
         };
         let gain = self.match_gain(&self.objects[0], maps);
         let light = whole.orient(maps[1], UpAxis::PlusZ).scaled(gain);
-        let suns = light.beams.into_iter().flat_map(|beams| beams.suns);
+        let suns = light
+            .light_samples
+            .into_iter()
+            .flat_map(|light_samples| light_samples.suns);
         suns.map(|sun| {
             Light::of(LightSource::Directional {
                 to_light: sun.direction.as_dvec3().normalize(),
@@ -344,8 +347,8 @@ impl Scene {
         let gain = self.environment_gain(&self.objects[0], maps);
         let map = self.environment.in_world(around, maps[1], columns, gain);
         // Those without a disc are beams among the light's own.
-        let beams = self.shining().filter(|l| l.is_beam());
-        let crisp = beams.map(Light::emitter);
+        let light_samples = self.shining().filter(|l| l.is_directional_sample());
+        let crisp = light_samples.map(Light::emitter);
         let lights: Vec<_> = crisp.chain(light.emitters.iter().copied()).collect();
         map.with_lights(&lights, place.as_vec3())
     }
@@ -562,7 +565,12 @@ mod tests {
         let more: f32 = (1..=2 * MAX_SUNS).map(|i| i as f32 / 4.0).sum();
         let found = target.mean_irradiance() - even.mean_irradiance();
         assert!((found / more - 1.0).abs() < 1e-3, "{found} {more}");
-        let of = |light: &Illumination| light.beams.as_ref().map_or(0.0, |b| b.mean_irradiance());
+        let of = |light: &Illumination| {
+            light
+                .light_samples
+                .as_ref()
+                .map_or(0.0, |b| b.mean_irradiance())
+        };
         let found = of(&target) - of(&even);
         assert!((found / more - 1.0).abs() < 1e-3, "{found} {more}");
         // What the user makes of the environment counts for its share of all.
@@ -575,10 +583,10 @@ mod tests {
         };
         let [_, dimmed] = told.lights_on(&told.objects[0], [&even, &even], UpAxis::MinusY);
         let expected = dimmed.mean_irradiance() / target.mean_irradiance();
-        for gain in dimmed.told_gain {
+        for gain in dimmed.user_gain {
             assert!((gain / expected - 1.0).abs() < 1e-3, "{gain} {expected}");
         }
-        let suns = target.beams.expect("read with them").suns;
+        let suns = target.light_samples.expect("read with them").suns;
         assert_eq!(suns.len(), MAX_SUNS);
         assert_eq!(
             suns[0].energy,

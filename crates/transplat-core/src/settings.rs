@@ -1,7 +1,7 @@
 //! What the transfer can be asked for: one plain struct for command line, viewer, report and saved looks.
 
 mod method;
-pub mod skips;
+pub mod optimizations;
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,7 @@ use crate::error::{Error, Result, ensure};
 use crate::sh::MAX_DEGREE;
 
 pub use method::Method;
-use skips::Skips;
+use optimizations::Optimizations;
 
 /// Terms that take part; all of them unless an ablation switches them off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -36,7 +36,8 @@ pub struct Terms {
     /// The directional method: what no term explains of the capture is kept; off, it is left out.
     pub residual: bool,
     /// The directional method: what shines by itself keeps doing so; off, it is taken for paint.
-    pub glow: bool,
+    #[serde(rename = "glow", alias = "emission")]
+    pub emission: bool,
 }
 
 impl Default for Terms {
@@ -52,7 +53,7 @@ impl Default for Terms {
             two_sided: true,
             lobe: true,
             residual: true,
-            glow: true,
+            emission: true,
         }
     }
 }
@@ -93,7 +94,7 @@ impl Terms {
             Term::new("two-sided", DIRECTIONAL, |t| &mut t.two_sided),
             Term::new("lobe", DIRECTIONAL, |t| &mut t.lobe),
             Term::new("residual", DIRECTIONAL, |t| &mut t.residual),
-            Term::new("glow", DIRECTIONAL, |t| &mut t.glow),
+            Term::new("glow", DIRECTIONAL, |t| &mut t.emission),
         ]
     };
 
@@ -130,7 +131,7 @@ pub struct TransferSettings {
     pub glow_above: f32,
     /// Optimizations that are on; no file keeps them.
     #[serde(skip)]
-    pub skips: Skips,
+    pub optimizations: Optimizations,
 }
 
 impl Default for TransferSettings {
@@ -141,7 +142,7 @@ impl Default for TransferSettings {
             epsilon: None,
             terms: Terms::default(),
             glow_above: GLOW_ABOVE,
-            skips: Skips::default(),
+            optimizations: Optimizations::default(),
         }
     }
 }

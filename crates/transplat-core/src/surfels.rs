@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::color::{Encoding, decode_sh};
 use crate::error::{Result, ensure};
 use crate::numeric::{quantile, weighted_quantile};
-use crate::settings::skips::{Skip, Skips};
+use crate::settings::optimizations::{Optimization, Optimizations};
 use crate::sh::{SharedSh, band, coefficient_count, rotate_functions, with_degree};
 
 /// Contributions below this are not drawn.
@@ -397,7 +397,7 @@ pub fn is_faint(opacity: f32) -> bool {
 /// Filters of surfels that are not drawn, such as floaters and surroundings. Nothing is edited, and what is hidden still casts its shadow.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Hide {
+pub struct SurfelFilter {
     /// True to hide everything outside of the box.
     pub crop: bool,
     /// Least corner of the box, in the object's radius around its centre.
@@ -410,7 +410,7 @@ pub struct Hide {
     pub max_size: f32,
 }
 
-impl Default for Hide {
+impl Default for SurfelFilter {
     fn default() -> Self {
         Self {
             crop: false,
@@ -422,7 +422,7 @@ impl Default for Hide {
     }
 }
 
-impl Hide {
+impl SurfelFilter {
     /// True where it hides nothing, whatever the splat.
     pub fn is_off(&self) -> bool {
         !self.crop && self.min_opacity <= 0.0 && self.max_size >= 1.0
@@ -444,13 +444,18 @@ impl Hide {
     }
 
     /// Surfels that nobody sees, `[n]` or empty: hidden ones, and those too faint for any pixel.
-    pub fn unseen(&self, cloud: &SurfelCloud, bounds: &Bounds, skips: &Skips) -> Vec<bool> {
+    pub fn unseen(
+        &self,
+        cloud: &SurfelCloud,
+        bounds: &Bounds,
+        optimizations: &Optimizations,
+    ) -> Vec<bool> {
         let mut unseen = if self.is_off() {
             Vec::new()
         } else {
             self.hidden(cloud, bounds)
         };
-        if skips.has(Skip::Unseen) && cloud.opacities.iter().any(|o| is_faint(*o)) {
+        if optimizations.has(Optimization::Unseen) && cloud.opacities.iter().any(|o| is_faint(*o)) {
             unseen.resize(cloud.len(), false);
             for (unseen, opacity) in unseen.iter_mut().zip(&cloud.opacities) {
                 *unseen |= is_faint(*opacity);

@@ -17,13 +17,13 @@ use crate::environment::Illumination;
 use crate::error::{Error, Result, ensure};
 use crate::memory;
 use crate::progress::{Progress, no_progress, part, tell};
-use crate::settings::skips::Skips;
+use crate::settings::optimizations::Optimizations;
 use crate::settings::{Method, TransferSettings};
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 
-use directional::{DirectionalAsset, DirectionalTransfer};
-use harmonic::{HarmonicAsset, HarmonicTransfer};
+use directional::{DirectionalCache, DirectionalTransfer};
+use harmonic::{HarmonicCache, HarmonicTransfer};
 pub use relit::{Part, Relight, Relit, RelitRows};
 use scene::SceneTransfer;
 use scene::harmonic::HarmonicScene;
@@ -65,7 +65,7 @@ impl PreparedTransfer {
         source: &Illumination,
         settings: &TransferSettings,
     ) -> Result<Self> {
-        TransferAsset::default().prepare(cloud, bake, 0, source, settings, &no_progress)
+        TransferCache::default().prepare(cloud, bake, 0, source, settings, &no_progress)
     }
 
     /// Transfer of some of the surfels without the others, given the bake of what they see then. Only the directional method knows how the others lit
@@ -114,10 +114,10 @@ const TAKEN_IN: f64 = 0.2;
 
 /// Part of a preparation that no light changes: kept between changes of the source and of the settings.
 #[derive(Debug, Default)]
-pub struct TransferAsset {
-    harmonic: Option<HarmonicAsset>,
+pub struct TransferCache {
+    harmonic: Option<HarmonicCache>,
     /// Directional part with the version of its bake and the optimizations that are on.
-    directional: Option<(u64, Skips, Arc<DirectionalAsset>)>,
+    directional: Option<(u64, Optimizations, Arc<DirectionalCache>)>,
 }
 
 /// Checks, before a bake begins, that memory has room for bake and transfer of a splat.
@@ -130,7 +130,7 @@ pub fn ensure_room(cloud: &SurfelCloud, method: Method) -> Result<()> {
     // beside the splat: 0.9 KB.
     let (geometry, colors) = match method {
         Method::Directional => {
-            let kept = k + directional::Nodes::count_of(degree);
+            let kept = k + directional::QuadratureNodes::count_of(degree);
             let is_short = cloud.len() >= SHORT_FROM;
             (400, k + if is_short { kept.div_ceil(2) } else { kept })
         }
@@ -141,7 +141,7 @@ pub fn ensure_room(cloud: &SurfelCloud, method: Method) -> Result<()> {
         .map_err(|why| Error::Mismatch(format!("it cannot be relit: {why}")))
 }
 
-impl TransferAsset {
+impl TransferCache {
     /// Prepares asset and source light; `bake_id` is any number that differs between bakes.
     ///
     /// # Errors
@@ -163,7 +163,7 @@ impl TransferAsset {
         ensure_room(cloud, settings.method)?;
         Ok(match bake.of_method(settings.method)? {
             Bake::Harmonic(visibility) => {
-                let new = || HarmonicAsset::new(cloud);
+                let new = || HarmonicCache::new(cloud);
                 let asset = self.harmonic.get_or_insert_with(new);
                 let source = source.radiance.truncated(settings.sh_degree);
                 let harmonic = asset.prepare(cloud, visibility, bake_id, &source, settings)?;
@@ -171,16 +171,18 @@ impl TransferAsset {
             }
             Bake::Directional(directional) => {
                 let asset = match &self.directional {
-                    Some((id, skips, asset)) if (*id, *skips) == (bake_id, settings.skips) => {
+                    Some((id, optimizations, asset))
+                        if (*id, *optimizations) == (bake_id, settings.optimizations) =>
+                    {
                         asset.clone()
                     }
-                    _ => Arc::new(DirectionalAsset::new(
+                    _ => Arc::new(DirectionalCache::new(
                         cloud,
                         directional.clone(),
-                        &settings.skips,
+                        &settings.optimizations,
                     )),
                 };
-                self.directional = Some((bake_id, settings.skips, asset.clone()));
+                self.directional = Some((bake_id, settings.optimizations, asset.clone()));
                 tell(progress, TAKEN_IN)?;
                 let rest = part(progress, TAKEN_IN, 1.0);
                 let directional = DirectionalTransfer::prepared(&asset, source, settings, &rest)?;
@@ -229,7 +231,7 @@ mod tests {
         }
         let bake = bake(Method::Directional);
         let without = Illumination {
-            beams: None,
+            light_samples: None,
             ..light
         };
         let settings = TransferSettings::of(Method::Directional);

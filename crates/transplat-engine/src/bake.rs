@@ -13,7 +13,7 @@ use transplat_core::bake::harmonic::{BakeInput, HarmonicBake, fill_unfinished};
 use transplat_core::files::{geometry_key, load_bake, save_bake};
 use transplat_core::progress::Progress;
 use transplat_core::settings::Method;
-use transplat_core::settings::skips::{Skip, Skips};
+use transplat_core::settings::optimizations::{Optimization, Optimizations};
 use transplat_core::sh::refining_order;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::ensure_room;
@@ -42,7 +42,7 @@ pub struct Baked {
 }
 
 /// Inputs of a bake.
-pub struct Wanted {
+pub struct BakeRequest {
     /// Surfels to bake.
     pub cloud: Arc<SurfelCloud>,
     /// Method that needs the bake.
@@ -50,7 +50,7 @@ pub struct Wanted {
     /// Directions of the harmonic method.
     pub directions: usize,
     /// Optimizations that are on.
-    pub skips: Skips,
+    pub optimizations: Optimizations,
     /// Whole that the cloud was cut out of.
     pub part_of: Option<PartOf>,
     /// The asset beside which the bake may be kept; that of a part is kept in the user's cache.
@@ -65,7 +65,7 @@ pub struct PartOf {
     pub surfels: Arc<[usize]>,
 }
 
-impl Wanted {
+impl BakeRequest {
     /// A bake, given what the whole tells of a part.
     fn known(&self, bake: DirectionalBake) -> Bake {
         Bake::Directional(Arc::new(match &self.part_of {
@@ -136,7 +136,7 @@ fn forget_old_parts(newest: &Path) {
 }
 
 /// Bakes from start to end.
-pub fn bake(device: &Device, wanted: &Wanted, progress: Progress<'_>) -> Result<Bake> {
+pub fn bake(device: &Device, wanted: &BakeRequest, progress: Progress<'_>) -> Result<Bake> {
     in_stages(device, wanted, &[1], progress, &|_, _| ())
 }
 
@@ -146,7 +146,7 @@ pub fn bake(device: &Device, wanted: &Wanted, progress: Progress<'_>) -> Result<
 /// The saved one is of another asset, or for another method.
 pub fn whole(
     device: &Device,
-    wanted: &Wanted,
+    wanted: &BakeRequest,
     saved: Option<&Path>,
     progress: Progress<'_>,
 ) -> Result<Baked> {
@@ -174,7 +174,7 @@ pub fn whole(
 /// as it has. `progress` may break off; `preview` gets what can be seen so far.
 pub fn refined(
     device: &Device,
-    wanted: &Wanted,
+    wanted: &BakeRequest,
     saved: Option<&Path>,
     progress: Progress<'_>,
     preview: impl Fn(Baked),
@@ -188,7 +188,7 @@ pub fn refined(
         complaint,
     };
     // A bake that leaves out nothing is for this time.
-    let files = if wanted.skips == Skips::default() {
+    let files = if wanted.optimizations == Optimizations::default() {
         wanted.cache_files()
     } else {
         Vec::new()
@@ -245,7 +245,7 @@ pub fn refined(
 /// Bakes by growing shares of the directions, of which each entry of `stages` is one over.
 fn in_stages(
     device: &Device,
-    wanted: &Wanted,
+    wanted: &BakeRequest,
     stages: &[usize],
     progress: Progress<'_>,
     preview: &dyn Fn(Bake, f32),
@@ -255,7 +255,7 @@ fn in_stages(
         Method::Harmonic => harmonic(device, wanted, stages, progress, preview)?,
         Method::Directional => {
             let preview = |so_far: DirectionalBake, share| preview(wanted.known(so_far), share);
-            let stages = (stages, &wanted.skips);
+            let stages = (stages, &wanted.optimizations);
             let cloud = &wanted.cloud;
             let tracer = match &wanted.part_of {
                 Some(PartOf { whole, surfels }) => whole.tracer_of_part(cloud, surfels),
@@ -269,7 +269,7 @@ fn in_stages(
 /// The harmonic method's bake, direction by direction.
 fn harmonic(
     device: &Device,
-    wanted: &Wanted,
+    wanted: &BakeRequest,
     stages: &[usize],
     progress: Progress<'_>,
     preview: &dyn Fn(Bake, f32),
@@ -278,7 +278,7 @@ fn harmonic(
     if progress(0.0).is_break() {
         return Err(transplat_core::Error::Cancelled.into());
     }
-    if wanted.skips.has(Skip::OpenObject)
+    if wanted.optimizations.has(Optimization::OpenObject)
         && let Some(open) = HarmonicBake::of_open_object(cloud, directions)
     {
         return Ok(Bake::Harmonic(open.into()));
@@ -346,7 +346,7 @@ mod tests {
     use super::*;
     use std::cell::RefCell;
     use std::ops::ControlFlow;
-    use transplat_core::bake::patches::DIRECTIONS;
+    use transplat_core::bake::strata::DIRECTIONS;
     use transplat_core::progress::no_progress;
     use transplat_core::synthetic;
 
@@ -371,11 +371,11 @@ mod tests {
             let shares = RefCell::new(Vec::new());
             let run = |cloud: &Arc<SurfelCloud>| {
                 let preview = |b: Baked| shares.borrow_mut().push(b.share);
-                let wanted = Wanted {
+                let wanted = BakeRequest {
                     cloud: cloud.clone(),
                     method,
                     directions,
-                    skips: Skips::default(),
+                    optimizations: Optimizations::default(),
                     part_of: None,
                     beside: Some(asset.clone()),
                 };
@@ -394,8 +394,14 @@ mod tests {
                     (Bake::Harmonic(a), Bake::Harmonic(b)) => assert_eq!(a.open, b.open),
                     (Bake::Directional(a), Bake::Directional(b)) => {
                         assert_eq!(
-                            (&a.sight.open, &a.sight.hits.len()),
-                            (&b.sight.open, &b.sight.hits.len())
+                            (
+                                &a.directional_visibility.open,
+                                &a.directional_visibility.hits.len()
+                            ),
+                            (
+                                &b.directional_visibility.open,
+                                &b.directional_visibility.hits.len()
+                            )
                         );
                     }
                     _ => panic!("of another kind"),
@@ -438,11 +444,11 @@ mod tests {
             false => ControlFlow::Continue(()),
         };
         for method in Method::ALL {
-            let wanted = Wanted {
+            let wanted = BakeRequest {
                 cloud: cloud.clone(),
                 method,
                 directions: 32,
-                skips: Skips::default(),
+                optimizations: Optimizations::default(),
                 part_of: None,
                 beside: Some(asset.clone()),
             };

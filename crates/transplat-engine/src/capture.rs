@@ -8,18 +8,18 @@ use anyhow::{Result, bail};
 use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
-use transplat_core::bake::patches::DIRECTIONS;
+use transplat_core::bake::strata::DIRECTIONS;
 use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
-use transplat_core::files::{AssetFile, is_same_file};
+use transplat_core::files::{SplatFile, is_same_file};
 use transplat_core::progress::{Progress, no_progress};
 use transplat_core::scene::{Object, kept};
-use transplat_core::settings::skips::Skips;
+use transplat_core::settings::optimizations::Optimizations;
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{PreparedTransfer, TransferAsset};
+use transplat_core::transfer::{PreparedTransfer, TransferCache};
 
-use crate::bake::{self, PartOf, Wanted};
+use crate::bake::{self, BakeRequest, PartOf};
 use crate::device::Device;
 use crate::language::tr;
 
@@ -30,7 +30,7 @@ pub struct Capture {
     /// All of its Gaussians.
     pub cloud: Arc<SurfelCloud>,
     /// Properties of the file.
-    pub file: Arc<AssetFile>,
+    pub file: Arc<SplatFile>,
     /// For the directional method, once it was needed.
     bake: OnceLock<Arc<DirectionalBake>>,
     /// Held by who makes it.
@@ -43,7 +43,7 @@ pub struct Capture {
 
 #[derive(Default)]
 struct Preparing {
-    asset: TransferAsset,
+    asset: TransferCache,
     made: Option<(Illumination, TransferSettings, PreparedTransfer)>,
 }
 
@@ -52,7 +52,7 @@ impl Capture {
     pub fn new(
         path: PathBuf,
         cloud: Arc<SurfelCloud>,
-        file: Arc<AssetFile>,
+        file: Arc<SplatFile>,
         bake: Option<Arc<DirectionalBake>>,
     ) -> Self {
         Self {
@@ -83,18 +83,18 @@ impl Capture {
     fn bake(
         &self,
         device: &Device,
-        skips: Skips,
+        optimizations: Optimizations,
         progress: Progress<'_>,
     ) -> Result<Arc<DirectionalBake>> {
         let _baking = self.baking.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = self.known_bake() {
             return Ok(known);
         }
-        let wanted = Wanted {
+        let wanted = BakeRequest {
             cloud: self.cloud.clone(),
             method: Method::Directional,
             directions: DIRECTIONS,
-            skips,
+            optimizations,
             part_of: None,
             beside: Some(self.path.clone()),
         };
@@ -153,11 +153,11 @@ impl Part {
     pub fn of_whole(
         &self,
         device: &Device,
-        skips: Skips,
+        optimizations: Optimizations,
         progress: Progress<'_>,
     ) -> Result<PartOf> {
         Ok(PartOf {
-            whole: self.capture.bake(device, skips, progress)?,
+            whole: self.capture.bake(device, optimizations, progress)?,
             surfels: self.surfels.clone(),
         })
     }

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::Result;
 use serde::{Deserialize, Serialize};
 use transplat_core::environment::Illumination;
-use transplat_core::files::{AssetFile, write_delit};
+use transplat_core::files::{SplatFile, write_delit};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::materials::{Materials, PLAUSIBLE_WHITEST};
@@ -33,7 +33,7 @@ pub struct Delit {
     /// Albedo, metalness and emission of each surfel.
     pub materials: Materials,
     /// True where the capture light is known.
-    pub light_told: bool,
+    pub light_is_known: bool,
 }
 
 impl Delit {
@@ -58,14 +58,14 @@ impl Delit {
             sh_degree,
             ..cloud.clone()
         };
-        let light_told = match prepared {
+        let light_is_known = match prepared {
             PreparedTransfer::Directional(transfer) => transfer.trust >= 1.0,
             _ => true,
         };
         Ok(Self {
             cloud,
             materials,
-            light_told,
+            light_is_known,
         })
     }
 
@@ -80,7 +80,7 @@ impl Delit {
                 found * self.materials.gain
             ));
         }
-        if !self.light_told {
+        if !self.light_is_known {
             warnings
                 .push("half of its light is left in it, since nobody knows what that was".into());
         }
@@ -88,7 +88,7 @@ impl Delit {
     }
 
     /// Writes it in the format that the name says; `file` is what it was read from.
-    pub fn write(&self, file: &AssetFile, with_materials: bool, path: &Path) -> Result<()> {
+    pub fn write(&self, file: &SplatFile, with_materials: bool, path: &Path) -> Result<()> {
         let materials = with_materials.then_some(&self.materials);
         Ok(write_delit(file, &self.cloud, materials, path)?)
     }

@@ -6,16 +6,16 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, bail};
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::harmonic::{BakeInput, bake_harmonic};
-use transplat_core::bake::patches::Found;
+use transplat_core::bake::strata::Found;
 use transplat_core::bake::trace::Tracer;
 use transplat_core::camera::Camera;
 use transplat_core::environment::{
-    Beams, EnvironmentMap, Illumination, IncidentRadiance, project_environment,
+    EnvironmentMap, Illumination, IncidentRadiance, LightSamples, project_environment,
 };
 use transplat_core::progress::Progress;
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
 use transplat_core::settings::Method;
-use transplat_core::settings::skips::Skips;
+use transplat_core::settings::optimizations::Optimizations;
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
@@ -93,12 +93,12 @@ impl Device {
 
     /// A map's light, as a method needs it, of the highest SH degree.
     pub fn light(&self, map: &EnvironmentMap, method: Method) -> Result<Illumination> {
-        let beams = match method {
-            Method::Directional => Some(Beams::of(map)),
+        let light_samples = match method {
+            Method::Directional => Some(LightSamples::of(map)),
             Method::Harmonic => None,
         };
         let radiance = self.project_environment(map, MAX_DEGREE)?;
-        Ok(Illumination::new(radiance, beams))
+        Ok(Illumination::new(radiance, light_samples))
     }
 
     /// Bakes visibility of the harmonic method.
@@ -116,7 +116,7 @@ impl Device {
         &self,
         cloud: &SurfelCloud,
         tracer: &Arc<Tracer>,
-        stages: (&[usize], &Skips),
+        stages: (&[usize], &Optimizations),
         progress: Progress<'_>,
         preview: impl Fn(DirectionalBake, f32),
     ) -> Result<DirectionalBake> {
@@ -134,8 +134,8 @@ impl Device {
             }
             made => made?,
         };
-        let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
-            Ok(rays.trace(patches, found, progress)?)
+        let by = |strata: &[usize], found: &mut [Found], progress: Progress<'_>| {
+            Ok(rays.trace(strata, found, progress)?)
         };
         DirectionalBake::bake_by(cloud, tracer, stages, by, progress, preview)
     }

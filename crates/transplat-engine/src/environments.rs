@@ -8,7 +8,9 @@ use std::sync::{Arc, LazyLock};
 use anyhow::{Context as _, Result};
 use glam::Vec3;
 use transplat_core::color::luminance;
-use transplat_core::environment::{Beam, Beams, EnvironmentMap, Illumination, ImageReading, Sky};
+use transplat_core::environment::{
+    EnvironmentMap, Illumination, ImageReading, LightSample, LightSamples, Sky,
+};
 use transplat_core::estimate::STAND_IN_TRUST;
 use transplat_core::files::load_environment_as;
 use transplat_core::scene::{
@@ -293,7 +295,7 @@ impl Environment {
             id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
             path,
             is_even: false,
-            brightest: illumination.beams.as_ref().and_then(brightest),
+            brightest: illumination.light_samples.as_ref().and_then(brightest),
             illumination,
             size: map.picture_size(),
             reading: ImageReading::default(),
@@ -330,20 +332,20 @@ impl Environment {
 /// Cells at the very poles, whose few pixels say little, count as this wide, a cell at the horizon being 1.
 const LEAST_CELL_WIDTH: f32 = 0.1;
 
-fn brightest(beams: &Beams) -> Option<Vec3> {
-    let among = if beams.suns.is_empty() {
-        &beams.cells
+fn brightest(light_samples: &LightSamples) -> Option<Vec3> {
+    let among = if light_samples.suns.is_empty() {
+        &light_samples.cells
     } else {
-        &beams.suns
+        &light_samples.suns
     };
     // Cells are the smaller the nearer they are to the poles: by their energy a bright ceiling would lose to a dim wall.
-    let width = |b: &Beam| match beams.suns.is_empty() {
+    let width = |b: &LightSample| match light_samples.suns.is_empty() {
         true => b.direction.truncate().length().max(LEAST_CELL_WIDTH),
         false => 1.0,
     };
-    let power = |b: &&Beam| luminance(b.energy) / width(b);
+    let power = |b: &&LightSample| luminance(b.energy) / width(b);
     let most = among.iter().max_by(|a, b| power(a).total_cmp(&power(b)));
-    most.map(|beam| beam.direction)
+    most.map(|light_sample| light_sample.direction)
 }
 
 /// A light's name for the user.

@@ -69,7 +69,7 @@ pub fn estimate_in_words(estimate: &Estimate, up: UpAxis) -> String {
         Some((d, _)) => format!("a sun at {:.2} {:.2} {:.2}", d[0], d[1], d[2]),
         None => "no sun".into(),
     };
-    let doubtful = if estimate.may_lie_on_its_side(up) {
+    let low_confidence = if estimate.may_lie_on_its_side(up) {
         format!(
             "; that is the side or below, with {} up: is it (--up)?",
             up.name()
@@ -78,7 +78,7 @@ pub fn estimate_in_words(estimate: &Estimate, up: UpAxis) -> String {
         String::new()
     };
     format!(
-        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %; strength and tint are assumed{doubtful}",
+        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %; strength and tint are assumed{low_confidence}",
         from.x, from.y, from.z
     )
 }

@@ -30,9 +30,9 @@ pub enum Kind {
     /// Traces visibility between the objects for preset paper.
     Insertion,
     /// Prepares the joint transfer of preset paper.
-    PrepareTogether,
+    PrepareScene,
     /// Relights all objects as one scene.
-    RelightTogether,
+    RelightScene,
     /// Reads the map behind a side.
     Backdrop(usize),
     /// Reads the LUT of a side.
@@ -63,7 +63,7 @@ pub enum Work {
     /// Colours a channel.
     Channel,
     /// Rates the confidence of the surfels.
-    Doubts,
+    Confidence,
     /// Measures settings.
     Measure,
 }

@@ -15,7 +15,7 @@ use transplat_core::transfer::Relit;
 
 use crate::device::Paint;
 use crate::names::distinct_names;
-use crate::picture::{Lit, Studio};
+use crate::render::{Lit, Studio};
 
 /// Layers that every picture has; objects are not called so.
 const OWN: [&str; 5] = ["plate", "shadow", "depth", "normal", "id"];

@@ -1,7 +1,6 @@
 //! The engine: what the window and the commands ask for work. It knows neither a window nor a command line.
 
 pub mod adapter;
-pub mod asset;
 pub mod bake;
 pub mod bundled;
 pub mod capture;
@@ -9,7 +8,6 @@ pub mod delight;
 pub mod device;
 pub mod environments;
 pub mod estimate;
-pub mod film;
 pub mod jobs;
 pub mod language;
 pub mod layers;
@@ -17,8 +15,10 @@ pub mod memory;
 pub mod names;
 pub mod object;
 pub mod output;
-pub mod picture;
 pub mod project;
+pub mod render;
 pub mod shot;
+pub mod splat;
+pub mod video;
 pub mod warnings;
 pub mod words;

@@ -15,16 +15,16 @@ use transplat_core::camera::CameraPose;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::Estimate;
-use transplat_core::present::{Doubt, View};
+use transplat_core::present::{LowConfidence, View};
 use transplat_core::scene::{EnvironmentLight, Light, Transform};
-use transplat_core::settings::skips::{Skipped, Skips};
+use transplat_core::settings::optimizations::{Optimizations, SkippedWork};
 use transplat_core::settings::{Method, TransferSettings};
-use transplat_core::surfels::{Hide, UpAxis};
-use transplat_core::transfer::{Part, PreparedTransfer, RelitRows, TransferAsset};
+use transplat_core::surfels::{SurfelFilter, UpAxis};
+use transplat_core::transfer::{Part, PreparedTransfer, RelitRows, TransferCache};
 
-use crate::asset::Asset;
 use crate::bake::Baked;
 use crate::environments::{Environment, Resolved};
+use crate::splat::Splat;
 
 /// Number of the next state.
 static NEXT_ID: AtomicU64 = AtomicU64::new(1);
@@ -44,7 +44,7 @@ pub struct ObjectState {
     /// Differs between all.
     pub id: u64,
     /// Splat, once it is loaded.
-    pub asset: Option<Asset>,
+    pub asset: Option<Splat>,
     /// The file that the scene lists and that was to be it: being read, or not to be had.
     pub tried: Option<PathBuf>,
     /// True where the user has just put it into the scene: it goes again if its splat cannot be loaded.
@@ -66,7 +66,7 @@ pub struct ObjectState {
     /// True where an estimate was awaited when it was last looked for.
     pub estimate_awaited: bool,
     /// Cache of the preparation between settings.
-    pub transfer: Arc<Mutex<TransferAsset>>,
+    pub transfer: Arc<Mutex<TransferCache>>,
     /// Transfer from the source light.
     pub prepared: Derived<PrepareKey, Prepared>,
     /// Last relight that is shown.
@@ -80,7 +80,7 @@ pub struct ObjectState {
     /// Surfels that the last relight left out.
     pub unseen: Unseen,
     /// Confidence in the relit colours.
-    pub doubts: Derived<ShownKey, Doubts>,
+    pub confidence: Derived<ShownKey, ConfidenceMap>,
     /// Relit colours of all parts, for a readout.
     pub readout: Derived<ShownKey, Arc<RelitRows>>,
     /// Version of the channel that is drawn.
@@ -89,7 +89,7 @@ pub struct ObjectState {
 
 impl ObjectState {
     /// Nothing is made of it yet.
-    pub fn new(asset: Option<Asset>) -> Self {
+    pub fn new(asset: Option<Splat>) -> Self {
         Self {
             id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
             asset,
@@ -197,10 +197,10 @@ pub type LightsKey = (
 );
 
 /// All that is needed to know what objects see of each other: which, by state and version of its bake, and where each stands.
-pub type SurroundingsKey = Vec<(u64, u64, Affine3A)>;
+pub type InterObjectKey = Vec<(u64, u64, Affine3A)>;
 
 /// Visibility between the objects that are shown, and its level of detail.
-pub type Surroundings = Derived<(SurroundingsKey, Detail), Arc<SceneBake>>;
+pub type Surroundings = Derived<(InterObjectKey, Detail), Arc<SceneBake>>;
 
 /// Inputs of the visibility of objects that preset paper puts into a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -218,7 +218,7 @@ pub type InsertedKey = (u64, Vec<(u64, OrientedLight)>, TransferSettings);
 
 /// All that a scene that is relit together depends on: preparations, surroundings, the light, the part, whether the whole is wanted beside
 /// it, and what of the objects is not seen.
-pub type TogetherKey = (Vec<u64>, u64, OrientedLight, (Part, bool), Vec<u64>);
+pub type JointKey = (Vec<u64>, u64, OrientedLight, (Part, bool), Vec<u64>);
 
 /// Directions. The fronts are the asset's: with others, what was baked is dropped.
 pub type BakeKey = usize;
@@ -242,7 +242,7 @@ pub struct Prepared {
     /// True where it relights on the GPU.
     pub on_gpu: bool,
     /// Work that it skips.
-    pub left_out: Vec<Skipped>,
+    pub skipped_work: Vec<SkippedWork>,
     /// Milliseconds that preparing took.
     pub ms: f64,
 }
@@ -283,7 +283,7 @@ pub struct Relighting {
 }
 
 /// All that this depends on.
-pub type HiddenKey = (Hide, Skips);
+pub type HiddenKey = (SurfelFilter, Optimizations);
 
 /// Surfels that the last relight left out.
 #[derive(Default)]
@@ -297,11 +297,11 @@ pub struct Unseen {
 }
 
 /// Confidence in the relit colours.
-pub struct Doubts {
+pub struct ConfidenceMap {
     /// `[n]`
-    pub of: Vec<Option<Doubt>>,
-    /// Shares of all, `[Doubt::ALL]`.
-    pub shares: [f32; Doubt::ALL.len()],
+    pub of: Vec<Option<LowConfidence>>,
+    /// Shares of all, `[LowConfidence::ALL]`.
+    pub shares: [f32; LowConfidence::ALL.len()],
 }
 
 /// Camera and objects that lights are fixed to, as they were last seen.

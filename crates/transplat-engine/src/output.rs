@@ -8,8 +8,8 @@ use transplat_core::files::{ExrFloats, PngBits, write_exr, write_png};
 use transplat_core::present;
 use transplat_core::rasterize::Raster;
 
-use crate::film::{Film, FilmFormat};
 use crate::language::tr_later;
+use crate::video::{VideoEncoder, VideoFormat};
 
 /// Format of an image's file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,7 +65,7 @@ impl ImageFormat {
 pub struct Sink {
     format: ImageFormat,
     frame_rate: u32,
-    video: Option<Film>,
+    video: Option<VideoEncoder>,
     /// Files that were written.
     pub files: Vec<PathBuf>,
     /// Images that were written.
@@ -86,10 +86,10 @@ impl Sink {
 
     /// Writes one; in a video, all are as large as the first.
     pub fn add(&mut self, path: &Path, image: &Raster) -> Result<()> {
-        let is_video = FilmFormat::of(path).is_some();
+        let is_video = VideoFormat::of(path).is_some();
         if is_video && self.video.is_none() {
             let size = [image.width, image.height];
-            self.video = Some(Film::new(path, size, self.frame_rate)?);
+            self.video = Some(VideoEncoder::new(path, size, self.frame_rate)?);
             self.files.push(path.to_owned());
         }
         self.count += 1;

@@ -26,15 +26,15 @@ use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_gpu::live::Live;
 
 use super::adapter::StageDevice;
-use super::asset::Asset;
 use super::capture::Capture;
 use super::device::Device;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind, Wake, Watch};
 use super::object::{
-    Followed, GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, Surroundings,
-    TogetherKey,
+    Followed, GroundKey, GroundLitKey, InsertedKey, InsertionKey, JointKey, ObjectState,
+    Surroundings,
 };
+use super::splat::Splat;
 use crate::words::of_error;
 use canvas::Canvas;
 
@@ -80,7 +80,7 @@ pub struct Requested {
     /// Bakes serve terms that are off now, too.
     pub all_terms: bool,
     /// Low-confidence surfels are marked.
-    pub doubts: bool,
+    pub confidence: bool,
     /// A surfel is inspected, and nothing is being dragged.
     pub readout: bool,
 }
@@ -201,7 +201,7 @@ pub struct Project {
     /// Joint transfer of preset paper.
     pub inserted: Derived<InsertedKey, Arc<HarmonicScene>>,
     /// Joint relight that is shown.
-    pub relit_together: Derived<TogetherKey, ()>,
+    pub joint_relight: Derived<JointKey, ()>,
     /// Milliseconds from which on a relight is shown coarsely first.
     pub coarse_from_ms: f64,
     /// The objects that are shown as they were relit together, by their states.
@@ -286,7 +286,7 @@ impl Project {
             is_tracing_finely: false,
             insertion: Derived::default(),
             inserted: Derived::default(),
-            relit_together: Derived::default(),
+            joint_relight: Derived::default(),
             coarse_from_ms: 250.0,
             together: Vec::new(),
             ground: Derived::default(),
@@ -330,7 +330,7 @@ impl Project {
     }
 
     /// The objects that are there and shown: their numbers, settings and splats.
-    pub fn shown(&self) -> impl Iterator<Item = (usize, &Object, &Asset)> + Clone {
+    pub fn shown(&self) -> impl Iterator<Item = (usize, &Object, &Splat)> + Clone {
         let each = self.scene.objects.iter().zip(&self.states).enumerate();
         let shown = each.filter(|(_, (object, _))| object.shown);
         shown.filter_map(|(at, (object, state))| Some((at, object, state.asset.as_ref()?)))
@@ -426,7 +426,7 @@ impl Project {
             self.orient_lights(at);
             self.start_prepare(at);
         }
-        self.start_surroundings();
+        self.start_inter_object();
         self.start_insertion();
         self.start_inserted();
         self.start_ground();
@@ -440,17 +440,17 @@ impl Project {
         for at in 0..self.scene.objects.len() {
             self.update_hidden(at);
         }
-        self.relight_together(canvas);
+        self.relight_jointly(canvas);
         self.light_ground();
         for at in 0..self.scene.objects.len() {
             if !self.together.contains(&self.states[at].id) {
                 self.relight(at, canvas);
             }
             self.update_channel(at);
-            self.start_doubts(at);
+            self.start_confidence(at);
         }
         self.start_backdrops(canvas);
-        self.start_plate(canvas);
+        self.start_backplate(canvas);
         self.start_luts(canvas);
         self.pin_compared();
         if let Some(error) = canvas.context.take_error() {

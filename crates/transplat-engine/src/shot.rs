@@ -20,8 +20,8 @@ use crate::jobs::{Jobs, Watch};
 use crate::language::tr;
 use crate::layers::Layers;
 use crate::names::name_of;
-use crate::picture::{Backdrop, Before, Lit, Studio, lit_ground};
 use crate::project::{Project, SOURCE, TARGET};
+use crate::render::{Backdrop, Before, Lit, Studio, lit_ground};
 
 /// Maps that are kept: a picture has two sides, and many lights are not to be held all at a time.
 const KEPT: usize = 2;
@@ -138,7 +138,7 @@ impl Shots {
         self.project.settle()?;
         let of = (view, is_linear);
         let (mut studio, _) = studio(&self.project, &self.cloud, of, &self.device)?;
-        studio.load_plate()?;
+        studio.load_backplate()?;
         studio.load_lut()?;
         Ok(studio)
     }

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use transplat_core::environment::{EnvironmentMap, INFINITE_RADIANCE, ImageReading, Layout};
-use transplat_core::files::{AssetFile, CameraFile};
+use transplat_core::files::{CameraFile, SplatFile};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
-use transplat_core::upright::{UpEvidence, proposed_up, up_from_cameras};
+use transplat_core::up_axis::{UpEvidence, proposed_up, up_from_cameras};
 
 /// Noise of the normals, in degrees, above which relighting is only rough. Trained objects have 0.3 to 1.2, of chrome 2.2; a plant made rounder,
 /// its turns jittered by 15 degrees, has 3.8 and is relit 0.4 dB worse; captures from nature have 2 to 5.
@@ -30,15 +30,15 @@ pub fn noise_warning(degrees: f32) -> String {
 }
 
 /// Warnings of a splat's file.
-pub fn asset_warnings(path: &Path, file: &AssetFile) -> Vec<String> {
+pub fn asset_warnings(path: &Path, file: &SplatFile) -> Vec<String> {
     let found = &file.report;
     let said = |what: &String| format!("{}: {what}", path.display());
     let mut warnings: Vec<String> = found.warnings.iter().map(said).collect();
-    if !found.left_out.is_empty() {
+    if !found.skipped_work.is_empty() {
         warnings.push(format!(
             "{}: {} of {} surfels hold values that are no numbers and are left out",
             path.display(),
-            found.left_out.len(),
+            found.skipped_work.len(),
             found.vertices
         ));
     }
@@ -46,7 +46,7 @@ pub fn asset_warnings(path: &Path, file: &AssetFile) -> Vec<String> {
 }
 
 /// Warning that a splat seems to lie on its side, where its file has no up axis.
-pub fn up_warning(path: &Path, cloud: &SurfelCloud, file: &AssetFile) -> Option<String> {
+pub fn up_warning(path: &Path, cloud: &SurfelCloud, file: &SplatFile) -> Option<String> {
     let (up, evidence) = proposed_up(cloud, file.report.up, file.usual_up())?;
     let name = up.name();
     let why = match evidence {

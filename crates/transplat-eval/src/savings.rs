@@ -10,9 +10,9 @@ use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::present::PLAIN;
 use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{rasterize, shade};
-use transplat_core::settings::skips::{Skip, Skipped, Skips, Stage};
+use transplat_core::settings::optimizations::{Optimization, Optimizations, SkippedWork, Stage};
 use transplat_core::settings::{Method, TransferSettings};
-use transplat_core::surfels::Hide;
+use transplat_core::surfels::SurfelFilter;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::sweep::Subject;
@@ -28,7 +28,7 @@ const SIZE: usize = 400;
 #[derive(Clone, Debug)]
 pub struct Saved {
     /// Work that is skipped.
-    pub skipped: Skipped,
+    pub skipped: SkippedWork,
     /// Method that skips it.
     pub method: Method,
     /// Milliseconds that the stage took less; negative where that is lost in the noise.
@@ -93,11 +93,11 @@ pub struct Savings {
 
 /// An asset with some skips, ready to be relit.
 struct Run {
-    skips: Skips,
+    optimizations: Optimizations,
     bake: Bake,
     prepared: PreparedTransfer,
     relit: Relit,
-    left_out: Vec<Skipped>,
+    skipped_work: Vec<SkippedWork>,
     unseen: Vec<bool>,
 }
 
@@ -108,7 +108,7 @@ pub fn measure(
     progress: &(dyn Fn(f64, &str) -> ControlFlow<()> + Sync),
 ) -> Result<Savings> {
     let mut savings = Savings::default();
-    let all = Skip::ALL.into_iter();
+    let all = Optimization::ALL.into_iter();
     let of_method = |p: Method| all.clone().filter(move |s| s.methods().contains(&p));
     let steps: usize = Method::ALL.map(|p| 1 + of_method(p).count()).iter().sum();
     let mut done = 0.0;
@@ -122,12 +122,17 @@ pub fn measure(
         };
         next("as it is")?;
         // A kept bake does not know what was left out of it.
-        let with = run(subject, method, Skips::default(), None)?;
-        let left_out = |skip| with.left_out.iter().find(|s| s.skip == Some(skip)).cloned();
-        let is_open = left_out(Skip::OpenObject).is_some();
+        let with = run(subject, method, Optimizations::default(), None)?;
+        let skipped_work = |skip| {
+            with.skipped_work
+                .iter()
+                .find(|s| s.skip == Some(skip))
+                .cloned()
+        };
+        let is_open = skipped_work(Optimization::OpenObject).is_some();
         for skip in of_method(method) {
             next(skip.name())?;
-            match left_out(skip) {
+            match skipped_work(skip) {
                 Some(skipped) => {
                     let saved = compare(subject, method, &with, (skip, skipped), repeats)?;
                     savings.saved.push(saved);
@@ -146,16 +151,16 @@ fn compare(
     subject: &Subject,
     method: Method,
     with: &Run,
-    (skip, skipped): (Skip, Skipped),
+    (skip, skipped): (Optimization, SkippedWork),
     repeats: usize,
 ) -> Result<Saved> {
-    let forced = Skips::default().without(skip);
+    let forced = Optimizations::default().without(skip);
     let is_bake = skip.stage() == Stage::Bake;
     // The bake is the same unless it is what is forced.
     let kept = (!is_bake).then_some(&with.bake);
     let each = [with, &run(subject, method, forced, kept)?];
     let [time_ms, forced_ms] = if is_bake {
-        let again = |i: usize| bake(subject, method, each[i].skips).map(drop);
+        let again = |i: usize| bake(subject, method, each[i].optimizations).map(drop);
         alternating(repeats.div_ceil(7), again)?
     } else {
         alternating(repeats, |i| each[i].relight(subject).map(drop))?
@@ -187,33 +192,47 @@ fn alternating(repeats: usize, work: impl Fn(usize) -> Result<()>) -> Result<[f6
     }))
 }
 
-fn bake(subject: &Subject, method: Method, skips: Skips) -> Result<Bake> {
+fn bake(subject: &Subject, method: Method, optimizations: Optimizations) -> Result<Bake> {
     let cloud = &subject.cloud;
-    let made = Bake::with_skips(cloud, method, DEFAULT_DIRECTIONS, &skips, &no_progress);
+    let made = Bake::with_optimizations(
+        cloud,
+        method,
+        DEFAULT_DIRECTIONS,
+        &optimizations,
+        &no_progress,
+    );
     Ok(made?)
 }
 
-fn run(subject: &Subject, method: Method, skips: Skips, kept: Option<&Bake>) -> Result<Run> {
+fn run(
+    subject: &Subject,
+    method: Method,
+    optimizations: Optimizations,
+    kept: Option<&Bake>,
+) -> Result<Run> {
     let cloud = &subject.cloud;
     let settings = TransferSettings {
-        skips,
+        optimizations,
         ..TransferSettings::of(method)
     };
-    let bake = kept.map_or_else(|| bake(subject, method, skips), |kept| Ok(kept.clone()))?;
+    let bake = kept.map_or_else(
+        || bake(subject, method, optimizations),
+        |kept| Ok(kept.clone()),
+    )?;
     let [source, target] = &subject.lights;
     let prepared = PreparedTransfer::new(cloud, &bake, source, &settings)?;
-    let unseen = Hide::default().unseen(cloud, &cloud.bounds(), &skips);
+    let unseen = SurfelFilter::default().unseen(cloud, &cloud.bounds(), &optimizations);
     let relit = prepared.relight_seen(target, Part::Whole, &unseen)?;
-    let mut left_out = bake.left_out();
-    left_out.extend(prepared.left_out(cloud));
-    left_out.extend(prepared.left_out_for(target, false));
-    left_out.extend(Skipped::of_unseen(&unseen));
+    let mut skipped_work = bake.skipped_work();
+    skipped_work.extend(prepared.skipped_work(cloud));
+    skipped_work.extend(prepared.skipped_work_for(target, false));
+    skipped_work.extend(SkippedWork::of_unseen(&unseen));
     Ok(Run {
-        skips,
+        optimizations,
         bake,
         prepared,
         relit,
-        left_out,
+        skipped_work,
         unseen,
     })
 }

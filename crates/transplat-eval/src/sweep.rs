@@ -15,7 +15,7 @@ use transplat_core::bake::harmonic::{BakeInput, DEFAULT_DIRECTIONS, HarmonicBake
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::oracle;
 use transplat_core::progress::no_progress;
-pub use transplat_core::settings::skips::Stage;
+pub use transplat_core::settings::optimizations::Stage;
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;

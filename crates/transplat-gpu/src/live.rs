@@ -22,8 +22,8 @@ use transplat_core::transfer::{Part, RelitRows};
 use cpu::CpuCanvas;
 pub use frame::{Frame, Passes, Placement};
 use gpu::GpuCanvas;
-use object::{Doubts, LiveObject, ShadeKey, Shown, SidePaint, Versioned};
-pub use object::{Drawing, LiveAsset, LiveSh};
+use object::{ConfidenceMap, LiveObject, ShadeKey, Shown, SidePaint, Versioned};
+pub use object::{Drawing, LiveSh, LiveSplat};
 
 use crate::context::{Context, Result};
 use crate::present::{
@@ -143,7 +143,7 @@ impl Live {
     ///
     /// # Errors
     /// All objects together are too large for the adapter; nothing is changed then.
-    pub fn set_asset(&mut self, object: usize, asset: LiveAsset) -> Result<()> {
+    pub fn set_asset(&mut self, object: usize, asset: LiveSplat) -> Result<()> {
         let all = self.objects.iter().enumerate();
         let others = all.filter(|(i, _)| *i != object);
         let others = others.filter_map(|(_, o)| o.as_ref());
@@ -158,7 +158,7 @@ impl Live {
             relit: Versioned::default(),
             pinned: Versioned::default(),
             channel: Versioned::default(),
-            doubts: Versioned::default(),
+            confidence: Versioned::default(),
             scene_from_object: Affine3A::IDENTITY,
             projected: Derived::default(),
         };
@@ -259,15 +259,15 @@ impl Live {
     }
 
     /// Sets the surfel colours of the channel *doubts*, and the marks with their weight.
-    pub fn set_doubts(
+    pub fn set_confidence(
         &mut self,
         object: usize,
         colors: Vec<[f32; 3]>,
         marks: impl Iterator<Item = [f32; 4]>,
     ) {
-        let doubts = Doubts::new(&self.context, colors, marks.collect(), self.drawing());
+        let confidence = ConfidenceMap::new(&self.context, colors, marks.collect(), self.drawing());
         if let Some(object) = self.object_mut(object) {
-            object.doubts.set(Some(doubts));
+            object.confidence.set(Some(confidence));
         }
     }
 

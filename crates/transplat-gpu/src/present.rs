@@ -4,12 +4,12 @@
 use std::collections::HashMap;
 
 use glam::{DMat3, Vec3};
+use transplat_core::backplate::Backplate;
 use transplat_core::camera::Camera;
 use transplat_core::color::{Display, ToneMap};
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::ground::GROUND_CELLS;
 use transplat_core::lut::Lut;
-use transplat_core::plate::Plate;
 use transplat_core::present::{Background, View, depth_range, wipe_column};
 use transplat_core::surfels::Bounds;
 use wgpu::BufferUsages;
@@ -111,8 +111,8 @@ impl Presentation {
         let colors = match self.background {
             Background::Color(color) => [color, color],
             Background::Gradient(top, bottom) => [top, bottom],
-            Background::Plate => {
-                let scale = Plate::scale(self.plate, [camera.width, camera.height]);
+            Background::Backplate => {
+                let scale = Backplate::scale(self.plate, [camera.width, camera.height]);
                 let [u, v] = self.plate.map(|edge| scale / edge.max(1) as f32);
                 [[u, v, 0.0]; 2]
             }
@@ -184,7 +184,7 @@ impl Backdrop {
     }
 
     /// Uploads a plate as a backdrop.
-    pub fn of_plate(context: &Context, plate: &Plate) -> Self {
+    pub fn of_backplate(context: &Context, plate: &Backplate) -> Self {
         let longer = plate.width.max(plate.height);
         let shorter = plate.width.min(plate.height);
         let most = shorter * context.max_texture() / longer.max(1);

@@ -7,10 +7,10 @@ mod source;
 use transplat_core::color::{Encoding, ToneMap};
 use transplat_core::present::View;
 use transplat_core::sh::coefficient_count;
-use transplat_core::transfer::directional::Nodes;
+use transplat_core::transfer::directional::QuadratureNodes;
 
 pub(crate) use files::{BAKE_DIRECTIONAL, BAKE_HARMONIC, BLIT, RASTERIZE_ORDER, RASTERIZE_PROJECT};
-pub use files::{DIGIT_BITS, PATCH_BATCH, SORT_KEYS, SORT_WORKGROUP, background_number};
+pub use files::{DIGIT_BITS, SORT_KEYS, SORT_WORKGROUP, STRATUM_BATCH, background_number};
 use files::{PRESENT, PROJECT_ENVIRONMENT, RASTERIZE_DRAW, RASTERIZE_SHADE};
 pub use generated::directional::{tables, transfer_directional};
 pub use generated::harmonic::{TransferShape, transfer_harmonic};
@@ -83,7 +83,7 @@ pub fn usual() -> Vec<(&'static str, String)> {
         shadow: true,
         reflection: true,
     };
-    let directional = transfer_directional(&Nodes::new(3), Encoding::Stored);
+    let directional = transfer_directional(&QuadratureNodes::new(3), Encoding::Stored);
     vec![
         ("project_environment", project_environment(3)),
         ("bake_harmonic", BAKE_HARMONIC.source()),
@@ -132,7 +132,7 @@ mod tests {
             all.push(("project_environment", project_environment(degree)));
             all.push(("rasterize_shade", rasterize_shade(degree)));
             for encoding in [Encoding::Stored, Encoding::StoredLinear, Encoding::Linear] {
-                let source = transfer_directional(&Nodes::new(degree), encoding);
+                let source = transfer_directional(&QuadratureNodes::new(degree), encoding);
                 all.push(("transfer_directional", source));
             }
             for asset_degree in 0..=8 {

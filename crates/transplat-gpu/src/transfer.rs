@@ -70,7 +70,10 @@ impl GpuTransfer {
 
     /// Makes what a light needs that no other did, and what shows its ratio, so that nothing has to be made when it comes.
     pub fn warm_up(&self, target: &Illumination) {
-        let has_suns = target.beams.as_ref().is_some_and(|b| !b.suns.is_empty());
+        let has_suns = target
+            .light_samples
+            .as_ref()
+            .is_some_and(|b| !b.suns.is_empty());
         match &self.by {
             By::Directional(transfer, _) if has_suns => transfer.prepare_suns(),
             By::Directional(..) => {}

@@ -16,7 +16,7 @@ use transplat_core::surfels::UpAxis;
 
 use transplat_engine::delight::DelitAs;
 use transplat_engine::device::DeviceChoice;
-use transplat_engine::film::FRAME_RATE;
+use transplat_engine::video::FRAME_RATE;
 pub use values::VIEWS;
 use values::*;
 

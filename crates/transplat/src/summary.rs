@@ -7,7 +7,7 @@ use anyhow::bail;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 
-use transplat_core::settings::skips::{Skipped, Stage};
+use transplat_core::settings::optimizations::{SkippedWork, Stage};
 
 use crate::cli::OutputArgs;
 use transplat_engine::words::milliseconds;
@@ -27,7 +27,7 @@ pub struct Summary {
     stages_ms: Map<String, Value>,
     targets: Vec<(String, f32)>,
     notes: Vec<String>,
-    skipped: Vec<Skipped>,
+    skipped: Vec<SkippedWork>,
     /// Savings as they were measured, for programs.
     saved: Vec<Value>,
     warnings: Vec<String>,
@@ -84,14 +84,14 @@ impl Summary {
 
     /// Notes something that this scene did not need.
     pub fn skip(&mut self, what: &str, why: &str) {
-        self.skipped([Skipped {
+        self.skipped([SkippedWork {
             max_error: None,
-            ..Skipped::exact(Stage::Project, what, why)
+            ..SkippedWork::exact(Stage::Project, what, why)
         }]);
     }
 
     /// Notes what was left out, and what that saved; each once.
-    pub fn skipped(&mut self, all: impl IntoIterator<Item = Skipped>) {
+    pub fn skipped(&mut self, all: impl IntoIterator<Item = SkippedWork>) {
         for skipped in all {
             if !self.skipped.contains(&skipped) {
                 self.skipped.push(skipped);
@@ -110,7 +110,7 @@ impl Summary {
         }));
     }
 
-    fn told_of(&self, skipped: &Skipped) -> Value {
+    fn told_of(&self, skipped: &SkippedWork) -> Value {
         let stage_ms = self.ms(skipped.stage.name());
         json!({
             "what": skipped.what,

@@ -5,9 +5,9 @@ use std::time::Instant;
 use eframe::wgpu::{BufferDescriptor, BufferUsages};
 use multiversion::multiversion;
 use rayon::prelude::*;
-use transplat_core::bake::patches::{DIRECTIONS, PATCHES};
+use transplat_core::bake::strata::{DIRECTIONS, STRATA};
 use transplat_core::sh::coefficient_count;
-use transplat_core::transfer::directional::Nodes;
+use transplat_core::transfer::directional::QuadratureNodes;
 use transplat_gpu::Context;
 
 /// What a stage cannot do without: each value read or written once, operations on 32-bit floats.
@@ -152,12 +152,12 @@ impl WorkOf {
     /// A ray for each surfel and direction, which tests two boxes a level of a binary tree with 14 operations each.
     pub fn bake(self) -> Work {
         let levels = self.surfels.max(2).ilog2() as usize;
-        self.each(DIRECTIONS / 8 + 4 * PATCHES, DIRECTIONS * levels * 28)
+        self.each(DIRECTIONS / 8 + 4 * STRATA, DIRECTIONS * levels * 28)
     }
 
     /// The source's light, and a fit of the colour to the nodes and back.
     pub fn prepare(self) -> Work {
-        let nodes = Nodes::count_of(self.degree);
+        let nodes = QuadratureNodes::count_of(self.degree);
         let fit = 2 * 2 * 3 * nodes * coefficient_count(self.degree);
         let read = self.color() + DIRECTIONS / 8;
         self.each(read + 2 * self.color(), IRRADIANCE + fit)

@@ -18,7 +18,7 @@ use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::camera::{Camera, first_pose};
 use transplat_core::color::Display;
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::files::{load_asset, load_environment, write_relit, write_splat};
+use transplat_core::files::{load_environment, load_splat, write_relit, write_splat};
 use transplat_core::present::{Background, View, tau_colors};
 use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{ColorSpace, depth_order, rasterize, shade};
@@ -28,7 +28,7 @@ use transplat_core::surfels::{Bounds, SurfelCloud};
 use transplat_core::transfer::{Part, PreparedTransfer};
 use transplat_gpu::Context;
 use transplat_gpu::bake::directional::GpuTracer;
-use transplat_gpu::live::{Drawing, Frame, Live, LiveAsset, LiveSh, Placement};
+use transplat_gpu::live::{Drawing, Frame, Live, LiveSh, LiveSplat, Placement};
 use transplat_gpu::present::{BackdropLight, GroundPlane, Presentation};
 use transplat_gpu::rasterize::{GpuRasterizer, Layer, ResidentPaint, ResidentSh, Target};
 use transplat_gpu::transfer::GpuTransfer;
@@ -140,7 +140,7 @@ fn main() {
         each.map(move |n| (format!("degree {degree}"), rough_ball_over_slab(*n, degree)))
     });
     let own = args.assets.iter().map(|path| {
-        let (cloud, _) = load_asset(path).expect("a splat");
+        let (cloud, _) = load_splat(path).expect("a splat");
         (path.display().to_string(), cloud)
     });
     let subjects: Box<dyn Iterator<Item = (String, SurfelCloud)>> = match args.assets.is_empty() {
@@ -184,7 +184,7 @@ fn main() {
             subject.drawn_by_cpu(context, &prepared, &mut bench);
         }
     }
-    bench.tell_growth();
+    bench.report_growth();
     if let Some(path) = &args.json {
         bench.write(path);
     }
@@ -220,7 +220,7 @@ impl Subject<'_> {
         write_splat(self.cloud, &self.cloud.sh, &path).expect("there is room");
         let (loaded, file) = bench
             .given(self.work.file())
-            .time("cpu", "load PLY", || load_asset(&path).expect("a splat"));
+            .time("cpu", "load PLY", || load_splat(&path).expect("a splat"));
         bench.given(self.work.file()).time("cpu", "export PLY", || {
             write_relit(&file, &loaded, &loaded.sh, &out).expect("it can be written");
         });
@@ -242,8 +242,8 @@ impl Subject<'_> {
                 self.cloud,
                 &tracer,
                 (&[1], &Default::default()),
-                |patches, found, progress| {
-                    rays.trace(patches, found, progress)
+                |strata, found, progress| {
+                    rays.trace(strata, found, progress)
                         .map_err(|e| transplat_core::Error::Mismatch(e.to_string()))
                 },
                 &no_progress,
@@ -305,7 +305,7 @@ impl Subject<'_> {
         bench.size([surfels, 0]);
         let done = |context: &Context| context.finish(&context.last_submission());
         let asset = bench.time("gpu", "upload asset", || {
-            LiveAsset::new(context, cloud, Drawing::Gpu).expect("it fits")
+            LiveSplat::new(context, cloud, Drawing::Gpu).expect("it fits")
         });
         let transfer = bench.time("gpu", "upload transfer", || {
             GpuTransfer::new(context, prepared).expect("it fits")
@@ -387,7 +387,7 @@ impl Subject<'_> {
     fn drawn_by_cpu(&self, context: &Arc<Context>, prepared: &PreparedTransfer, bench: &mut Bench) {
         let (cloud, drawing) = (self.cloud, Drawing::Cpu);
         let mut live = Live::new(context, TextureFormat::Rgba8Unorm, drawing);
-        let asset = LiveAsset::new(context, cloud, drawing).expect("it fits");
+        let asset = LiveSplat::new(context, cloud, drawing).expect("it fits");
         live.set_asset(0, asset).expect("it fits");
         let relit = prepared.relight(&self.lights[1], Part::Whole);
         let relit = Arc::new(drawing.kept(relit.expect("read for it")));

@@ -155,7 +155,7 @@ impl Bench {
     }
 
     /// With which power of the number of surfels each stage grows, from the smallest to the largest.
-    pub fn tell_growth(&self) {
+    pub fn report_growth(&self) {
         let mut by_stage: BTreeMap<_, Vec<(usize, f64)>> = BTreeMap::new();
         for ((device, stage, of, surfels, pixels), row) in &self.rows {
             let stage = (device, stage, of, pixels);

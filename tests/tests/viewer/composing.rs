@@ -6,7 +6,7 @@ use glam::{Quat, Vec3};
 use transplat::viewer::{ImageFormat, Startup, Task};
 use transplat_core::color::{Encoding, decode_sh, encode_sh};
 use transplat_core::files::{
-    load_asset, load_environment, load_look, load_picture, save_look, write_splat,
+    load_environment, load_look, load_picture, load_splat, save_look, write_splat,
 };
 use transplat_core::present::Background;
 use transplat_core::scene::{Scene, Transform};
@@ -96,7 +96,7 @@ fn a_scene_is_shown_and_saved_as_the_command_line_draws_it() {
     let merged = d.folder.path("merged.ply");
     let path = merged.clone();
     d.after(|v| v.export(Task::Splat(path)));
-    let (cloud, _) = load_asset(&merged).expect("a splat");
+    let (cloud, _) = load_splat(&merged).expect("a splat");
     assert_eq!(cloud.len(), 900 + 800);
     // What is hidden is not saved, selected or not.
     d.after(|v| {
@@ -106,7 +106,7 @@ fn a_scene_is_shown_and_saved_as_the_command_line_draws_it() {
     let plate = d.folder.path("plate_relit.ply");
     let path = plate.clone();
     d.after(|v| v.export(Task::Splat(path)));
-    let (cloud, _) = load_asset(&plate).expect("a splat");
+    let (cloud, _) = load_splat(&plate).expect("a splat");
     assert_eq!(cloud.len(), 900);
 }
 
@@ -140,7 +140,7 @@ fn a_scene_of_preset_paper_is_what_the_command_line_draws() {
     let [look, relit] = ["look.json", "relit"].map(|n| d.folder.name(n));
     run_json(&args("relight {} --device cpu -o {}", &[&look, &relit]));
     let path = d.folder.path("relit").join("the ball.ply");
-    let (theirs, _) = load_asset(&path).expect("the command's");
+    let (theirs, _) = load_splat(&path).expect("the command's");
     let theirs = decode_sh(&theirs.sh, 1, theirs.encoding);
     let session = &mut d.viewer().session;
     session.selected = 1;
@@ -231,10 +231,10 @@ fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
     // The light at the ball: the plate below it, the sky above; on the shelf and in a file.
     let out = d.folder.name("lights");
     d.viewer().export_settings().folder = out.clone();
-    let lights = d.viewer().shelf().len();
+    let lights = d.viewer().light_library().len();
     d.viewer().session.selected = 1;
     d.after(|v| v.session.save_light_here(&out));
-    assert_eq!(d.viewer().shelf().len(), lights + 1);
+    assert_eq!(d.viewer().light_library().len(), lights + 1);
     let saved = d.folder.path("lights").join("light_at_the ball.exr");
     assert!(load_environment(&saved).is_ok_and(|map| map.width() == 256));
     // What is opened is put into the scene, and replaces nothing.
@@ -292,8 +292,8 @@ fn what_is_added_stands_upright_and_in_other_units_is_made_as_large_as_the_scene
             let comment = b"comment Vertical axis: +z\n";
             let at = bytes.windows(comment.len()).position(|w| w == comment);
             let (head, tail) = bytes.split_at(at.expect("its comment"));
-            let untold = [head, &tail[comment.len()..]].concat();
-            d.folder.write(name, untold);
+            let unset = [head, &tail[comment.len()..]].concat();
+            d.folder.write(name, unset);
         }
         d.viewer().session.messages.clear();
         d.after(|v| v.open(&file));
@@ -462,7 +462,7 @@ fn a_photograph_is_seen_behind_the_objects_by_its_own_camera() {
     let session = &d.viewer().session;
     let told: Vec<_> = session.messages.iter().filter(|m| m.is_error).collect();
     assert!(told.is_empty(), "{told:?}");
-    assert_eq!(session.project.scene.background, Background::Plate);
+    assert_eq!(session.project.scene.background, Background::Backplate);
     assert!(
         session
             .project
@@ -518,11 +518,11 @@ fn a_photograph_is_seen_behind_the_objects_by_its_own_camera() {
     assert!(plate(&mut d).is_some());
     let chosen = d.folder.path("photo chosen.png");
     std::fs::copy(&photo, &chosen).expect("room");
-    d.after(|v| v.session.project.set_plate(chosen.clone()));
+    d.after(|v| v.session.project.set_backplate(chosen.clone()));
     d.after(|v| v.open(&others));
     assert_eq!(plate(&mut d).as_ref(), Some(&chosen));
     // One that cannot be read leaves it there.
-    d.after(|v| v.session.project.set_plate(others));
+    d.after(|v| v.session.project.set_backplate(others));
     assert_eq!(plate(&mut d).as_ref(), Some(&chosen));
     let last = d.viewer().session.messages.last();
     assert!(last.is_some_and(|m| m.is_error && m.text.contains("where an image")));

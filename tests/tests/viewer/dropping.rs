@@ -52,7 +52,10 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
         assert!(errors[0].text.contains(named), "{}", errors[0].text);
         assert_eq!(d.viewer().session.project.scene, scene, "{file}");
         assert!(
-            !d.viewer().shelf().iter().any(|p| p.ends_with(&name)),
+            !d.viewer()
+                .light_library()
+                .iter()
+                .any(|p| p.ends_with(&name)),
             "{file} is on the shelf"
         );
     }
@@ -90,9 +93,9 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     for name in ["a.hdr", "b.hdr"] {
         fs::copy(asset("city.hdr"), lights.join(name)).expect("room for it");
     }
-    let count = d.viewer().shelf().len();
+    let count = d.viewer().light_library().len();
     d.after(|v| v.open(&lights));
-    assert_eq!(d.viewer().shelf().len(), count + 2);
+    assert_eq!(d.viewer().light_library().len(), count + 2);
 }
 
 /// Drops a light at a place of the window.
@@ -123,7 +126,7 @@ fn a_light_dropped_on_a_slot_is_that_slots_light() {
         let at = d.harness.get_by_label(slot).rect().center();
         let light = drop_light(&mut d, if side == 0 { "a.hdr" } else { "b.hdr" }, at);
         assert_eq!(d.viewer().session.light(side).path, light);
-        assert!(d.viewer().shelf().contains(&light));
+        assert!(d.viewer().light_library().contains(&light));
     }
     // Anywhere else it is the target's.
     let light = drop_light(&mut d, "c.hdr", egui::pos2(300.0, 300.0));
@@ -240,7 +243,12 @@ fn a_light_is_read_as_its_layout_is_told() {
     d.after(|v| v.session.set_reading(1, &as_layout(Layout::CubeCross)));
     assert_eq!(told(&mut d, "a cube cross has"), 1);
     assert_eq!(read_as(&mut d), (None, by_shape));
-    assert!(d.viewer().shelf().iter().any(|p| p.ends_with("probe.png")));
+    assert!(
+        d.viewer()
+            .light_library()
+            .iter()
+            .any(|p| p.ends_with("probe.png"))
+    );
     d.after(|v| v.session.set_reading(1, &as_layout(Layout::MirrorBall)));
     d.harness.run_steps(12);
     let (layout, as_ball) = read_as(&mut d);

@@ -9,7 +9,7 @@ use egui_kittest::kittest::Queryable;
 use glam::{DMat3, DQuat, DVec3};
 use transplat::viewer::Task;
 use transplat_core::estimate::STAND_IN_TRUST;
-use transplat_core::files::{load_asset, write_splat};
+use transplat_core::files::{load_splat, write_splat};
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
 use transplat_core::synthetic;
@@ -38,7 +38,13 @@ fn the_light_is_estimated_where_nobody_tells_it() {
     assert!(d.folder.path("own.ply.best.light").exists(), "it is kept");
     let toward = |d: &mut Driver| {
         let [source, _] = d.viewer().session.oriented_lights();
-        source.light.beams.clone().expect("read for best").suns[0].direction
+        source
+            .light
+            .light_samples
+            .clone()
+            .expect("read for best")
+            .suns[0]
+            .direction
     };
     let before = toward(&mut d);
     // Wherever the asset's up is said to be, its light shines on it from where it did.
@@ -166,7 +172,7 @@ fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was(
     let mut d = Driver::bundled();
     assert!(!d.viewer().session.project.scene.match_strength);
     // The teapot on its plate, as a trainer whose Y points down would have it.
-    let (cloud, _) = load_asset(asset("teapot.ply").as_ref()).expect("the bundled splat");
+    let (cloud, _) = load_splat(asset("teapot.ply").as_ref()).expect("the bundled splat");
     let turn = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, DVec3::NEG_Y));
     let lying = synthetic::turned(&cloud, turn);
     let path = d.folder.path("lying.ply");
@@ -194,7 +200,7 @@ fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was(
     // Without its light it says which way it stands here.
     let delit = d.folder.path("delit.ply");
     d.after(|v| v.export(Task::Delit(delit.clone())));
-    let (cloud, file) = load_asset(&delit).expect("a splat");
+    let (cloud, file) = load_splat(&delit).expect("a splat");
     assert_eq!((cloud.len(), cloud.sh_degree), (lying.len(), 0));
     assert_eq!(file.report.up, Some(UpAxis::MinusY));
     // One that stands is left, and light that is told is as strong as it is.

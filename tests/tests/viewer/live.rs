@@ -8,7 +8,7 @@ use glam::{Affine3A, Quat, Vec3};
 use transplat::viewer::Viewer;
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::SurfelCloud;
-use transplat_gpu::live::{Drawing, Live, LiveAsset, Placement};
+use transplat_gpu::live::{Drawing, Live, LiveSplat, Placement};
 use transplat_gpu::transfer::GpuTransfer;
 
 use transplat_tests::driver::{Driver, PATIENCE};
@@ -24,7 +24,7 @@ fn the_gpu_shows_what_the_cpu_relit() {
     let cloud: Arc<_> = session.asset().expect("a splat").cloud.clone();
     let prepared = session.prepared().cloned().expect("it is prepared");
     let mut live = Live::new(&context, TextureFormat::Rgba8Unorm, Drawing::Gpu);
-    let asset = LiveAsset::new(&context, &cloud, Drawing::Gpu).expect("the driver works");
+    let asset = LiveSplat::new(&context, &cloud, Drawing::Gpu).expect("the driver works");
     live.set_asset(0, asset).expect("room for it");
     live.set_transfer(
         0,
@@ -116,7 +116,7 @@ fn two_objects_are_drawn_like_one_of_both() {
         frame.objects.clear();
         for (object, (cloud, place)) in objects.iter().enumerate() {
             let cloud = Arc::new((*cloud).clone());
-            let asset = LiveAsset::new(&context, &cloud, drawing).expect("the driver works");
+            let asset = LiveSplat::new(&context, &cloud, drawing).expect("the driver works");
             live.set_asset(object, asset).expect("room for both");
             frame.objects.push(Placement {
                 scene_from_object: *place,

@@ -152,7 +152,7 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
         (View::Diffuse, black),
         (View::Specular, black),
         (View::Tau, black),
-        (View::Doubts, black),
+        (View::Confidence, black),
     ];
     let lut = PathBuf::from(d.folder.write("small.cube", small_lut()));
     for (i, (view, background)) in cases.into_iter().enumerate() {
@@ -332,7 +332,7 @@ fn panels_change_settings_and_picture() {
         ("Depth", View::Depth),
         ("Visibility", View::Visibility),
         ("Ratio tau", View::Tau),
-        ("Doubts", View::Doubts),
+        ("Doubts", View::Confidence),
     ] {
         d.viewer().session.project.scene.view = view;
         let picture = d.picture();
@@ -369,7 +369,7 @@ fn the_shelf_and_the_matching_toggle_change_the_light() {
     assert_eq!(target(&mut d), "city");
     let position = d
         .viewer()
-        .shelf()
+        .light_library()
         .iter()
         .position(|p| p.ends_with("interior.hdr"))
         .expect("on the shelf");
@@ -593,7 +593,7 @@ fn exports_write_what_they_say() {
     };
     d.after(|v| v.export(Task::Screenshot(None)));
     assert_eq!(count(".png"), 1);
-    let lights = d.viewer().shelf().len();
+    let lights = d.viewer().light_library().len();
     d.after(|v| v.export(Task::EachLight));
     // The one of the screenshot's light is there already: nothing is written over.
     assert_eq!(count(".png"), 1 + lights);

@@ -6,17 +6,19 @@ use std::sync::Arc;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::agreed::Agreed;
-use super::front::{Front, Fronts};
+use super::directional_visibility::{
+    DirectionalVisibility, is_met_on_back, is_open, openness, sees,
+};
+use super::inferred_visibility::InferredVisibility;
 use super::open_object::OpenObject;
-use super::patches::{DIRECTIONS, Found, Hit, MOST_SURFELS, PATCHES, PER_PATCH, directions};
-use super::sharing::Sharing;
-use super::sight::{Sight, is_met_on_back, is_open, openness, sees};
+use super::outward_side::{OutwardSide, OutwardSides};
+use super::strata::{DIRECTIONS, Found, Hit, MOST_SURFELS, PER_STRATUM, STRATA, directions};
 use super::trace::{MISS, PACKET, RaySurfel, Tracer, by_neighborhood};
+use super::visibility_clusters::VisibilityClusters;
 use crate::error::{Error, Result};
 use crate::numeric::{smoothstep, weighted_quantile};
 use crate::progress::Progress;
-use crate::settings::skips::{Skip, Skips};
+use crate::settings::optimizations::{Optimization, Optimizations};
 use crate::sh::refining_order;
 use crate::surfels::SurfelCloud;
 
@@ -44,11 +46,11 @@ pub const TWO_SIDED: [f32; 2] = [0.08, 0.38];
 #[derive(Clone, Debug)]
 pub struct DirectionalBake {
     /// Directional visibility of each surfel.
-    pub sight: Sight,
+    pub directional_visibility: DirectionalVisibility,
     /// Unit normals of the surface, towards the front. `[n]`
     pub normals: Vec<Vec3>,
     /// Visible weight of each surfel, sums to 1. `[n]`
-    pub prominence: Vec<f32>,
+    pub visible_weight: Vec<f32>,
     /// Share of what is seen that is ambiguous, 0 to 1: [`DirectionalBake::is_ambiguous`].
     pub ambiguous_share: f32,
     /// Angle between a surfel's own normal and that of the surface that it is part of, in degrees: half of what is seen is below it. 0 of no
@@ -67,7 +69,7 @@ pub struct DirectionalBake {
     /// Share of the rays that were not traced, since they go into closed sides.
     pub closed_share: f32,
     /// Share of rays whose visibility is inferred.
-    pub agreed_share: f32,
+    pub inferred_share: f32,
 }
 
 impl DirectionalBake {
@@ -76,7 +78,12 @@ impl DirectionalBake {
     /// # Errors
     /// The asset is too large, or [`Error::Cancelled`] when `progress` asked for it.
     pub fn bake(cloud: &SurfelCloud, progress: Progress<'_>) -> Result<Self> {
-        Self::bake_in_stages(cloud, (&[1], &Skips::default()), progress, |_, _| ())
+        Self::bake_in_stages(
+            cloud,
+            (&[1], &Optimizations::default()),
+            progress,
+            |_, _| (),
+        )
     }
 
     /// Bakes in stages: after each share of the patches (one in so many, the last of them 1), `preview` gets what there is, with the rest as the
@@ -86,7 +93,7 @@ impl DirectionalBake {
     /// As [`DirectionalBake::bake`].
     pub fn bake_in_stages(
         cloud: &SurfelCloud,
-        stages: (&[usize], &Skips),
+        stages: (&[usize], &Optimizations),
         progress: Progress<'_>,
         preview: impl Fn(Self, f32),
     ) -> Result<Self> {
@@ -101,18 +108,24 @@ impl DirectionalBake {
     pub fn bake_through(
         cloud: &SurfelCloud,
         tracer: &Arc<Tracer>,
-        stages: (&[usize], &Skips),
+        stages: (&[usize], &Optimizations),
         progress: Progress<'_>,
         preview: impl Fn(Self, f32),
     ) -> Result<Self> {
         let directions = directions();
-        let (_, skips) = stages;
-        let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
-            let agreed = match skips.has(Skip::AgreedRays) {
-                true => Agreed::of(&directions, patches, tracer.surfels.len()),
-                false => Agreed::none(),
+        let (_, optimizations) = stages;
+        let by = |strata: &[usize], found: &mut [Found], progress: Progress<'_>| {
+            let inferred_visibility = match optimizations.has(Optimization::InferredRays) {
+                true => InferredVisibility::of(&directions, strata, tracer.surfels.len()),
+                false => InferredVisibility::none(),
             };
-            trace(tracer, (&directions, &agreed), patches, found, progress)
+            trace(
+                tracer,
+                (&directions, &inferred_visibility),
+                strata,
+                found,
+                progress,
+            )
         };
         Self::bake_by(cloud, tracer, stages, by, progress, preview)
     }
@@ -120,7 +133,7 @@ impl DirectionalBake {
     /// By rays all over, also where a ball needs none and into sides that are closed.
     #[cfg(test)]
     pub(crate) fn all_rays(cloud: &SurfelCloud) -> Self {
-        let all = (&[1][..], &Skips::NONE);
+        let all = (&[1][..], &Optimizations::NONE);
         let no_progress = &crate::progress::no_progress;
         Self::bake_in_stages(cloud, all, no_progress, |_, _| ()).expect("not cancelled")
     }
@@ -130,37 +143,46 @@ impl DirectionalBake {
     pub(crate) fn shared(cloud: &SurfelCloud, together: usize) -> Self {
         let no_progress = &crate::progress::no_progress;
         let tracer = Self::tracer(cloud, no_progress).expect("not cancelled");
-        let (directions, patches) = (directions(), refining_order(PATCHES));
-        let asked: Vec<Vec3> = patches[..PROBES].iter().map(|p| directions[*p]).collect();
-        let sharing = Sharing::find(&tracer, &asked, together, no_progress);
-        Self::traced_by(cloud, &tracer, sharing.expect("not cancelled"), false)
+        let (directions, strata) = (directions(), refining_order(STRATA));
+        let asked: Vec<Vec3> = strata[..PROBES].iter().map(|p| directions[*p]).collect();
+        let visibility_clusters = VisibilityClusters::find(&tracer, &asked, together, no_progress);
+        Self::traced_by(
+            cloud,
+            &tracer,
+            visibility_clusters.expect("not cancelled"),
+            false,
+        )
     }
 
     /// By rays all over, or without those that others tell of.
     #[cfg(test)]
-    pub(crate) fn traced(cloud: &SurfelCloud, others_tell: bool) -> Self {
+    pub(crate) fn traced(cloud: &SurfelCloud, are_inferred: bool) -> Self {
         let tracer = Self::tracer(cloud, &crate::progress::no_progress).expect("not cancelled");
-        let own = Sharing::each_own(&tracer.order);
-        Self::traced_by(cloud, &tracer, own, others_tell)
+        let own = VisibilityClusters::each_own(&tracer.order);
+        Self::traced_by(cloud, &tracer, own, are_inferred)
     }
 
     #[cfg(test)]
     fn traced_by(
         cloud: &SurfelCloud,
         tracer: &Arc<Tracer>,
-        sharing: Sharing,
-        others_tell: bool,
+        visibility_clusters: VisibilityClusters,
+        are_inferred: bool,
     ) -> Self {
-        let (directions, patches) = (directions(), refining_order(PATCHES));
-        let agreed = match others_tell {
-            true => Agreed::of_many(&directions, &patches),
-            false => Agreed::none(),
+        let (directions, strata) = (directions(), refining_order(STRATA));
+        let inferred_visibility = match are_inferred {
+            true => InferredVisibility::of_many(&directions, &strata),
+            false => InferredVisibility::none(),
         };
-        let mut found: Vec<Found> = sharing.leaders.iter().map(|i| Found::of(*i)).collect();
-        let rays = (&directions[..], &agreed);
+        let mut found: Vec<Found> = visibility_clusters
+            .leaders
+            .iter()
+            .map(|i| Found::of(*i))
+            .collect();
+        let rays = (&directions[..], &inferred_visibility);
         let no_progress = &crate::progress::no_progress;
-        trace(tracer, rays, &patches, &mut found, no_progress).expect("not cancelled");
-        Self::of(cloud, tracer, &Arc::new(sharing), &found)
+        trace(tracer, rays, &strata, &mut found, no_progress).expect("not cancelled");
+        Self::of(cloud, tracer, &Arc::new(visibility_clusters), &found)
     }
 
     /// What the rays are traced through: the beginning of a bake.
@@ -174,14 +196,14 @@ impl DirectionalBake {
                 cloud.len()
             )));
         }
-        let fronts = Fronts::find(cloud, &|p| progress(FRONTS_SHARE * p))?;
-        Ok(Arc::new(Tracer::new(cloud, fronts)))
+        let outward_sides = OutwardSides::find(cloud, &|p| progress(FRONTS_SHARE * p))?;
+        Ok(Arc::new(Tracer::new(cloud, outward_sides)))
     }
 
     /// The same for a part of the surfels: which side is the front is told by the whole, since a cut opens what was closed.
     pub fn tracer_of_part(&self, part: &SurfelCloud, surfels: &[usize]) -> Arc<Tracer> {
-        let fronts = self.tracer.fronts.selected(surfels);
-        Arc::new(Tracer::new(part, fronts))
+        let outward_sides = self.tracer.outward_sides.selected(surfels);
+        Arc::new(Tracer::new(part, outward_sides))
     }
 
     /// What a part of the surfels sees, traced without the others: a back that was closed when they were captured has no colour that any light
@@ -189,16 +211,16 @@ impl DirectionalBake {
     pub fn as_part_of(mut self, whole: &Self, surfels: &[usize]) -> Self {
         let directions = directions();
         let two_sided: Vec<f32> = surfels.iter().map(|i| whole.two_sided[*i]).collect();
-        let Sight {
-            sharing,
+        let DirectionalVisibility {
+            visibility_clusters,
             starts,
             hits,
             ..
-        } = &mut self.sight;
+        } = &mut self.directional_visibility;
         let (mut new_starts, mut new_hits) = (vec![0u32], Vec::with_capacity(hits.len()));
-        for (i, range) in sharing.leaders.iter().zip(starts.windows(2)) {
+        for (i, range) in visibility_clusters.leaders.iter().zip(starts.windows(2)) {
             let i = *i as usize;
-            let toward = |hit: &Hit| directions[hit.patch()];
+            let toward = |hit: &Hit| directions[hit.stratum()];
             let counts = |hit: &&Hit| sees(self.normals[i], two_sided[i], toward(hit));
             let of_surfel = hits[range[0] as usize..range[1] as usize].iter();
             new_hits.extend(of_surfel.filter(counts).map(|hit| {
@@ -215,7 +237,7 @@ impl DirectionalBake {
         self.two_sided = two_sided;
         self.ambiguous_share = (0..self.len())
             .filter(|i| self.is_ambiguous(*i))
-            .fold(0.0, |share, i| share + self.prominence[i]);
+            .fold(0.0, |share, i| share + self.visible_weight[i]);
         self
     }
 
@@ -226,7 +248,7 @@ impl DirectionalBake {
     pub fn bake_by<E: From<Error>>(
         cloud: &SurfelCloud,
         tracer: &Arc<Tracer>,
-        (stages, skips): (&[usize], &Skips),
+        (stages, optimizations): (&[usize], &Optimizations),
         trace: impl Fn(&[usize], &mut [Found], Progress<'_>) -> Result<(), E>,
         progress: Progress<'_>,
         preview: impl Fn(Self, f32),
@@ -235,69 +257,80 @@ impl DirectionalBake {
         if progress(0.0).is_break() {
             return Err(Error::Cancelled.into());
         }
-        if skips.has(Skip::OpenObject)
+        if optimizations.has(Optimization::OpenObject)
             && let Some(open) = OpenObject::probe(tracer)
         {
-            let sharing = Arc::new(Sharing::each_own(&tracer.order));
+            let visibility_clusters = Arc::new(VisibilityClusters::each_own(&tracer.order));
             return Ok(Self {
                 open_object_error: Some(open.mean_error),
-                ..Self::of(cloud, tracer, &sharing, &open.found(&tracer.order))
+                ..Self::of(
+                    cloud,
+                    tracer,
+                    &visibility_clusters,
+                    &open.found(&tracer.order),
+                )
             });
         }
         let directions = directions();
-        let patches = refining_order(PATCHES);
-        let together = Sharing::together(cloud.len());
-        let sharing = if together > 1 && skips.has(Skip::SharedSight) {
-            let asked = patches[..PROBES].iter().map(|p| directions[*p]);
+        let strata = refining_order(STRATA);
+        let together = VisibilityClusters::together(cloud.len());
+        let visibility_clusters = if together > 1
+            && optimizations.has(Optimization::SharedVisibility)
+        {
+            let asked = strata[..PROBES].iter().map(|p| directions[*p]);
             let asked: Vec<Vec3> = asked.collect();
-            Sharing::find(tracer, &asked, together, &|p| progress(SHARING_SHARE * p))?
+            VisibilityClusters::find(tracer, &asked, together, &|p| progress(SHARING_SHARE * p))?
         } else {
-            Sharing::each_own(&tracer.order)
+            VisibilityClusters::each_own(&tracer.order)
         };
-        let (sharing, progress) = (Arc::new(sharing), |p: f64| {
+        let (visibility_clusters, progress) = (Arc::new(visibility_clusters), |p: f64| {
             progress(SHARING_SHARE + (1.0 - SHARING_SHARE) * p)
         });
-        let is_closed = |f: &Front| skips.has(Skip::ClosedSides) && f.hides_its_back();
+        let is_closed =
+            |f: &OutwardSide| optimizations.has(Optimization::ClosedSides) && f.hides_its_back();
         let begin = |i: &u32| Found {
-            back_is_closed: is_closed(&tracer.fronts.of[*i as usize]),
+            back_is_closed: is_closed(&tracer.outward_sides.of[*i as usize]),
             ..Found::of(*i)
         };
-        let mut found: Vec<Found> = sharing.leaders.iter().map(begin).collect();
+        let mut found: Vec<Found> = visibility_clusters.leaders.iter().map(begin).collect();
         let mut done = 0;
-        let mut ends: Vec<usize> = stages.iter().map(|s| PATCHES.div_ceil(*s)).collect();
+        let mut ends: Vec<usize> = stages.iter().map(|s| STRATA.div_ceil(*s)).collect();
         let shown = ends.clone();
-        if skips.has(Skip::ClosedSides) {
+        if optimizations.has(Optimization::ClosedSides) {
             ends.push(PROBES);
             ends.sort_unstable();
             ends.dedup();
         }
         for end in ends {
-            let part = &patches[done..end];
-            let within = |p: f64| progress((done as f64 + p * part.len() as f64) / PATCHES as f64);
+            let part = &strata[done..end];
+            let within = |p: f64| progress((done as f64 + p * part.len() as f64) / STRATA as f64);
             trace(part, &mut found, &within)?;
             done = end;
-            if done == PROBES && skips.has(Skip::ClosedSides) {
-                close_backs(tracer, &directions, &patches[..done], &mut found);
+            if done == PROBES && optimizations.has(Optimization::ClosedSides) {
+                close_backs(tracer, &directions, &strata[..done], &mut found);
             }
-            if done < PATCHES && shown.contains(&done) {
+            if done < STRATA && shown.contains(&done) {
                 let mut filled = found.clone();
-                fill_unfinished_patches(&directions, &patches[..done], &mut filled);
-                let share = done as f32 / PATCHES as f32;
-                preview(Self::of(cloud, tracer, &sharing, &filled), share);
+                fill_unfinished_strata(&directions, &strata[..done], &mut filled);
+                let share = done as f32 / STRATA as f32;
+                preview(
+                    Self::of(cloud, tracer, &visibility_clusters, &filled),
+                    share,
+                );
             }
         }
-        Ok(Self::of(cloud, tracer, &sharing, &found))
+        Ok(Self::of(cloud, tracer, &visibility_clusters, &found))
     }
 
     /// From what the rays of the leaders found, `[rows]`.
     pub(crate) fn of(
         cloud: &SurfelCloud,
         tracer: &Arc<Tracer>,
-        sharing: &Arc<Sharing>,
+        visibility_clusters: &Arc<VisibilityClusters>,
         found: &[Found],
     ) -> Self {
         let directions = &directions();
-        let normals: Vec<Vec3> = (tracer.fronts.of.iter())
+        let normals: Vec<Vec3> = (tracer.outward_sides.of.iter())
             .map(|f| f.surface_normal())
             .collect();
         // Front and back by the leader's own normal, and both together by its surface's.
@@ -312,12 +345,12 @@ impl DirectionalBake {
         let of_rows: Vec<f32> = (open.iter())
             .map(|([_, back], _)| smoothstep(TWO_SIDED[0], TWO_SIDED[1], *back))
             .collect();
-        let two_sided = sharing.spread(&of_rows);
-        let prominence = tracer.fronts.prominence(cloud);
+        let two_sided = visibility_clusters.spread(&of_rows);
+        let visible_weight = tracer.outward_sides.visible_weight(cloud);
         let (mut starts, mut hits) = (vec![0u32], Vec::new());
         for (f, two) in found.iter().zip(&of_rows) {
             let n = normals[f.surfel as usize];
-            let toward = |hit: &Hit| directions[hit.patch()];
+            let toward = |hit: &Hit| directions[hit.stratum()];
             let from_its_side = |hit: &Hit| {
                 let met = hit.surfel();
                 hit.on(is_met_on_back(normals[met], two_sided[met], toward(hit)))
@@ -325,27 +358,29 @@ impl DirectionalBake {
             let from = hits.len();
             let counts = |h: &&Hit| sees(n, *two, toward(h));
             hits.extend(f.hits.iter().filter(counts).map(from_its_side));
-            hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
+            hits[from..].sort_unstable_by_key(|h: &Hit| h.stratum());
             starts.push(hits.len() as u32);
         }
         hits.shrink_to_fit();
         Self {
-            flipped: (tracer.fronts.of.iter()).filter(|f| f.is_turned()).count(),
-            buried: sharing.count(|row| open[row].1 < 0.02),
+            flipped: (tracer.outward_sides.of.iter())
+                .filter(|f| f.is_turned())
+                .count(),
+            buried: visibility_clusters.count(|row| open[row].1 < 0.02),
             ambiguous_share: (0..normals.len())
-                .filter(|i| is_ambiguous(&tracer.fronts.of[*i], two_sided[*i]))
-                .fold(0.0, |share, i| share + prominence[i]),
-            normal_noise: normal_noise(tracer, &normals, &prominence),
-            prominence,
+                .filter(|i| is_ambiguous(&tracer.outward_sides.of[*i], two_sided[*i]))
+                .fold(0.0, |share, i| share + visible_weight[i]),
+            normal_noise: normal_noise(tracer, &normals, &visible_weight),
+            visible_weight,
             closed_share: closed_share(tracer, directions, found),
-            agreed_share: {
+            inferred_share: {
                 let told: usize = found.iter().map(|f| usize::from(f.told)).sum();
                 told as f32 / (found.len() * DIRECTIONS).max(1) as f32
             },
             normals,
             two_sided,
-            sight: Sight {
-                sharing: sharing.clone(),
+            directional_visibility: DirectionalVisibility {
+                visibility_clusters: visibility_clusters.clone(),
                 open: found.iter().map(|f| f.open).collect(),
                 starts,
                 hits,
@@ -357,7 +392,7 @@ impl DirectionalBake {
 
     /// Whether it is little better than a guess which side of surfel `i` is its front, and matters: of a leaf both are lit.
     pub fn is_ambiguous(&self, i: usize) -> bool {
-        is_ambiguous(&self.tracer.fronts.of[i], self.two_sided[i])
+        is_ambiguous(&self.tracer.outward_sides.of[i], self.two_sided[i])
     }
 
     /// Number of surfels.
@@ -372,48 +407,48 @@ impl DirectionalBake {
 
     /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1: ambient occlusion.
     pub fn openness(&self) -> Vec<f32> {
-        self.sight.openness(&self.normals)
+        self.directional_visibility.openness(&self.normals)
     }
 }
 
-fn normal_noise(tracer: &Tracer, normals: &[Vec3], prominence: &[f32]) -> f32 {
+fn normal_noise(tracer: &Tracer, normals: &[Vec3], visible_weight: &[f32]) -> f32 {
     let off = |(surfel, n): (&RaySurfel, &Vec3)| f64::from(surfel.normal.angle_between(*n));
-    let weights = prominence.iter().map(|p| f64::from(*p));
+    let weights = visible_weight.iter().map(|p| f64::from(*p));
     let off: Vec<(f64, f64)> = (tracer.surfels.iter().zip(normals).map(off))
         .zip(weights)
         .collect();
     weighted_quantile(off, 0.5).map_or(0.0, f64::to_degrees) as f32
 }
 
-fn is_ambiguous(front: &Front, two_sided: f32) -> bool {
+fn is_ambiguous(front: &OutwardSide, two_sided: f32) -> bool {
     front.is_guess() && two_sided < 0.5
 }
 
 /// Traces the rays of some patches.
 fn trace(
     tracer: &Tracer,
-    rays: (&[Vec3], &Agreed),
-    patches: &[usize],
+    rays: (&[Vec3], &InferredVisibility),
+    strata: &[usize],
     found: &mut [Found],
     progress: Progress<'_>,
 ) -> Result<()> {
     by_neighborhood(found, progress, |found| {
-        trace_neighborhood(tracer, rays, patches, found);
+        trace_neighborhood(tracer, rays, strata, found);
     })
 }
 
 /// The rays of surfels that are neighbours: of each direction those whose side is not known to be closed, and which others do not tell.
 fn trace_neighborhood(
     tracer: &Tracer,
-    (directions, agreed): (&[Vec3], &Agreed),
-    patches: &[usize],
+    (directions, inferred_visibility): (&[Vec3], &InferredVisibility),
+    strata: &[usize],
     found: &mut [Found],
 ) {
     let mut stack = Vec::new();
     let (mut places, mut asked) = (Vec::new(), Vec::new());
-    for place in 0..PER_PATCH {
-        for patch in patches {
-            let j = place * PATCHES + patch;
+    for place in 0..PER_STRATUM {
+        for stratum in strata {
+            let j = place * STRATA + stratum;
             places.clear();
             asked.clear();
             for (lane, f) in found.iter_mut().enumerate() {
@@ -421,7 +456,7 @@ fn trace_neighborhood(
                 if f.is_closed(cosine) {
                     continue;
                 }
-                if let Some(open) = agreed.tells(j, &f.open) {
+                if let Some(open) = inferred_visibility.tells(j, &f.open) {
                     f.set_open(j, open);
                     f.told += 1;
                     continue;
@@ -434,7 +469,7 @@ fn trace_neighborhood(
                 for (lane, hit) in places.iter().zip(hits) {
                     found[*lane].set_open(j, hit == MISS);
                     if place == 0 && hit != MISS {
-                        found[*lane].hits.push(Hit::new(*patch, hit));
+                        found[*lane].hits.push(Hit::new(*stratum, hit));
                     }
                 }
             }
@@ -444,17 +479,17 @@ fn trace_neighborhood(
 
 /// Share of the rays that were not traced, since they go into closed sides.
 fn closed_share(tracer: &Tracer, directions: &[Vec3], found: &[Found]) -> f32 {
-    let order = refining_order(PATCHES);
+    let order = refining_order(STRATA);
     let skipped: usize = found
         .par_iter()
         .filter(|f| f.back_is_closed)
         .map(|f| {
             let i = f.surfel as usize;
-            let (surfel, front) = (&tracer.surfels[i], &tracer.fronts.of[i]);
+            let (surfel, front) = (&tracer.surfels[i], &tracer.outward_sides.of[i]);
             let traced = if front.hides_its_back() { 0 } else { PROBES };
             let rays = order[traced..]
                 .iter()
-                .flat_map(|p| (0..PER_PATCH).map(move |k| k * PATCHES + p));
+                .flat_map(|p| (0..PER_STRATUM).map(move |k| k * STRATA + p));
             rays.filter(|j| f.is_closed(surfel.normal.dot(directions[*j])))
                 .count()
         })
@@ -464,9 +499,9 @@ fn closed_share(tracer: &Tracer, directions: &[Vec3], found: &[Found]) -> f32 {
 
 /// Closes the backs from which the first patches saw nothing: all that their rays could tell is how much of a two-sided surfel it is, and it
 /// is none.
-fn close_backs(tracer: &Tracer, directions: &[Vec3], patches: &[usize], found: &mut [Found]) {
-    let probes: Vec<usize> = (0..PER_PATCH)
-        .flat_map(|place| patches.iter().map(move |patch| place * PATCHES + patch))
+fn close_backs(tracer: &Tracer, directions: &[Vec3], strata: &[usize], found: &mut [Found]) {
+    let probes: Vec<usize> = (0..PER_STRATUM)
+        .flat_map(|place| strata.iter().map(move |stratum| place * STRATA + stratum))
         .collect();
     found.par_iter_mut().for_each(|f| {
         let surfel = &tracer.surfels[f.surfel as usize];
@@ -483,7 +518,7 @@ fn close_backs(tracer: &Tracer, directions: &[Vec3], patches: &[usize], found: &
 }
 
 /// Gives patches that are not traced yet what the nearest one that is has.
-fn fill_unfinished_patches(directions: &[Vec3], done: &[usize], found: &mut [Found]) {
+fn fill_unfinished_strata(directions: &[Vec3], done: &[usize], found: &mut [Found]) {
     let nearest = |p: usize| {
         let cosine = |q: &usize| directions[p].dot(directions[*q]);
         let from = done
@@ -492,15 +527,15 @@ fn fill_unfinished_patches(directions: &[Vec3], done: &[usize], found: &mut [Fou
             .max_by(|a, b| cosine(a).total_cmp(&cosine(b)));
         from.unwrap_or(p)
     };
-    let from: Vec<usize> = (0..PATCHES).map(nearest).collect();
+    let from: Vec<usize> = (0..STRATA).map(nearest).collect();
     found.par_iter_mut().for_each(|f| {
-        let mut met = [None; PATCHES];
+        let mut met = [None; STRATA];
         for hit in &f.hits {
-            met[hit.patch()] = Some(hit.surfel() as u32);
+            met[hit.stratum()] = Some(hit.surfel() as u32);
         }
         let before = std::mem::replace(f, Found::of(f.surfel));
         for (p, q) in from.iter().enumerate() {
-            let open = |place: usize| is_open(&before.open, place * PATCHES + q);
+            let open = |place: usize| is_open(&before.open, place * STRATA + q);
             f.add(p, met[*q], std::array::from_fn(open));
         }
     });
@@ -523,7 +558,8 @@ mod tests {
             let wrong = (0..DIRECTIONS)
                 .filter(|j| {
                     let cosine = n.dot(directions[*j]);
-                    cosine.abs() > 0.2 && baked.sight.is_open(i, *j) != (cosine > 0.0)
+                    cosine.abs() > 0.2
+                        && baked.directional_visibility.is_open(i, *j) != (cosine > 0.0)
                 })
                 .count();
             assert!(wrong < 4, "surfel {i}: {wrong}");
@@ -543,9 +579,14 @@ mod tests {
                 let direction = directions[j].as_dvec3();
                 let exact = oracle::first_hit(surfels, i, direction);
                 all += 1;
-                differ += usize::from(exact.is_none() != baked.sight.is_open(i, j));
-                let hit = baked.sight.hits_of(i).iter().find(|h| h.patch() == j);
-                let knows = j < PATCHES && baked.normals[i].dot(directions[j]) > 0.0;
+                differ +=
+                    usize::from(exact.is_none() != baked.directional_visibility.is_open(i, j));
+                let hit = baked
+                    .directional_visibility
+                    .hits_of(i)
+                    .iter()
+                    .find(|h| h.stratum() == j);
+                let knows = j < STRATA && baked.normals[i].dot(directions[j]) > 0.0;
                 differ += usize::from(knows && hit.is_some() != exact.is_some());
                 if let (Some(hit), Some(exact)) = (hit, exact) {
                     // Of discs in one plane, either may be named.
@@ -565,7 +606,11 @@ mod tests {
         let directions = directions();
         let mut sum = [0f32; 2];
         for i in &asked {
-            let sides = openness(baked.sight.open_of(*i), &directions, baked.normals[*i]);
+            let sides = openness(
+                baked.directional_visibility.open_of(*i),
+                &directions,
+                baked.normals[*i],
+            );
             sum = [sum[0] + sides[0], sum[1] + sides[1]];
         }
         let two_sided = asked.iter().filter(|i| baked.two_sided[**i] > 0.5).count();
@@ -644,7 +689,7 @@ mod tests {
             DirectionalBake::all_rays(&ball),
             DirectionalBake::all_rays(&filled),
         );
-        let seen = |bake: &DirectionalBake, i| *bake.sight.open_of(i);
+        let seen = |bake: &DirectionalBake, i| *bake.directional_visibility.open_of(i);
         assert!((0..ball.len()).all(|i| seen(&hollow, i) == seen(&filled, i)));
         let inside = ball.len()..filled.len();
         assert!(
@@ -652,7 +697,7 @@ mod tests {
                 .clone()
                 .all(|i| seen(&filled, i).iter().all(|w| *w == 0))
         );
-        let counted: f32 = filled.prominence[inside].iter().sum();
+        let counted: f32 = filled.visible_weight[inside].iter().sum();
         // A fifth of all area, behind a ball whose surfels have soft rims.
         assert!(counted < 0.02, "{counted}");
     }
@@ -675,7 +720,7 @@ mod tests {
     fn a_lone_sheet_is_two_sided() {
         let baked = DirectionalBake::all_rays(&synthetic::sheet(20));
         assert!(baked.two_sided.iter().all(|t| *t == 1.0));
-        assert!(baked.sight.hits.is_empty());
+        assert!(baked.directional_visibility.hits.is_empty());
     }
 
     #[test]

@@ -7,8 +7,8 @@ use glam::{Vec2, Vec3};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::front::Fronts;
 use super::open_object::OpenObject;
+use super::outward_side::OutwardSides;
 use super::scaled::{BakeSurfel, ScaledObject};
 use super::trace::Tracer;
 use crate::error::{Error, Result};
@@ -356,7 +356,7 @@ impl HarmonicBake {
 
     /// Without any map, where nothing blocks the light of any surfel (see [`OpenObject`]).
     pub fn of_open_object(cloud: &SurfelCloud, directions: usize) -> Option<Self> {
-        let object = OpenObject::probe(&Tracer::new(cloud, Fronts::unknown(cloud)))?;
+        let object = OpenObject::probe(&Tracer::new(cloud, OutwardSides::unknown(cloud)))?;
         let lattice = lattice(directions);
         let mut open = vec![0u8; cloud.len() * directions];
         open.par_chunks_exact_mut(directions)

@@ -5,7 +5,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::patches::{Found, PATCHES, PER_PATCH, directions};
+use super::strata::{Found, PER_STRATUM, STRATA, directions};
 use super::trace::Tracer;
 use crate::sh::refining_order;
 
@@ -65,9 +65,9 @@ impl OpenObject {
         let n = tracer.surfels.len();
         let directions = directions();
         let mut sides = vec![SideOpenness::default(); n];
-        for patch in refining_order(PATCHES).into_iter().take(PROBES) {
-            for place in 0..PER_PATCH {
-                let direction = directions[place * PATCHES + patch];
+        for stratum in refining_order(STRATA).into_iter().take(PROBES) {
+            for place in 0..PER_STRATUM {
+                let direction = directions[place * STRATA + stratum];
                 let open = tracer.open_towards(direction, |_| true);
                 for ((side, surfel), open) in sides.iter_mut().zip(&tracer.surfels).zip(open) {
                     side.add(surfel.normal.dot(direction), open);
@@ -80,7 +80,7 @@ impl OpenObject {
         if !sides.iter().all(|s| s.open[0] || s.open[1]) {
             return None;
         }
-        let rays = (n * PROBES * PER_PATCH) as f32;
+        let rays = (n * PROBES * PER_STRATUM) as f32;
         let missed: f32 = sides.iter().map(SideOpenness::missed).sum();
         // One surfel has nothing that could block it.
         let mean_error = if n < 2 {
@@ -118,7 +118,7 @@ impl OpenObject {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::front::Fronts;
+    use crate::bake::outward_side::OutwardSides;
     use crate::progress::no_progress;
     use crate::surfels::SurfelCloud;
     use crate::synthetic;
@@ -126,8 +126,8 @@ mod tests {
     #[test]
     fn a_ball_and_a_sheet_are_open_and_a_ball_over_a_plate_is_not() {
         let probe = |cloud: SurfelCloud| {
-            let fronts = Fronts::find(&cloud, &no_progress).expect("not cancelled");
-            OpenObject::probe(&Tracer::new(&cloud, fronts))
+            let outward_sides = OutwardSides::find(&cloud, &no_progress).expect("not cancelled");
+            OpenObject::probe(&Tracer::new(&cloud, outward_sides))
         };
         let ball = synthetic::sphere(2000);
         let open = probe(ball.clone()).expect("convex");

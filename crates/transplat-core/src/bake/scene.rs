@@ -83,14 +83,20 @@ impl SceneBake {
 
     /// Bytes that it takes, beside the objects' own.
     pub fn bytes(&self) -> usize {
-        self.surroundings.iter().map(|s| s.sight.bytes()).sum()
+        self.surroundings
+            .iter()
+            .map(|s| s.directional_visibility.bytes())
+            .sum()
     }
 
     /// Openness of each direction around surfel `i`, 0 or 1.
     pub fn seen_by(&self, i: usize) -> Vec<(Vec3, f32)> {
         let (object, i) = self.locate(i);
         let turn = self.objects[object].turn();
-        let seen = self.surroundings[object].sight.seen_by(i).into_iter();
+        let seen = self.surroundings[object]
+            .directional_visibility
+            .seen_by(i)
+            .into_iter();
         seen.map(|(d, open)| (turn * d, open)).collect()
     }
 
@@ -104,8 +110,8 @@ impl SceneBake {
 
     /// Openness of one object's surfels.
     pub fn openness_of(&self, object: usize) -> Vec<f32> {
-        let sight = &self.surroundings[object].sight;
-        sight.openness(&self.objects[object].bake.normals)
+        let directional_visibility = &self.surroundings[object].directional_visibility;
+        directional_visibility.openness(&self.objects[object].bake.normals)
     }
 }
 

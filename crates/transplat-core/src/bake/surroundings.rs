@@ -9,8 +9,8 @@ use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
 use super::directional::DirectionalBake;
-use super::patches::{DIRECTIONS, Hit, MOST_SURFELS, PATCHES, WORDS, directions};
-use super::sight::{Sight, is_met_on_back, sees};
+use super::directional_visibility::{DirectionalVisibility, is_met_on_back, sees};
+use super::strata::{DIRECTIONS, Hit, MOST_SURFELS, STRATA, WORDS, directions};
 use super::trace::{MISS, PACKET, RayStart, RaySurfel, Stack, Tracer, by_neighborhood};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -77,11 +77,11 @@ impl Other {
     }
 
     /// Hit of a ray towards a direction, both in its coordinates: the side that it comes from.
-    fn hit(&self, patch: usize, surfel: u32, toward: Vec3) -> Hit {
+    fn hit(&self, stratum: usize, surfel: u32, toward: Vec3) -> Hit {
         let i = surfel as usize;
         let (normal, two_sided) = (self.bake.normals[i], self.bake.two_sided[i]);
         let on_back = is_met_on_back(normal, two_sided, toward);
-        Hit::new(patch, self.first + surfel).on(on_back)
+        Hit::new(stratum, self.first + surfel).on(on_back)
     }
 
     /// True where a ray, in this object's coordinates, may hit it.
@@ -120,12 +120,12 @@ impl Detail {
     fn directions(self) -> usize {
         match self {
             Self::Full => DIRECTIONS,
-            Self::Coarse => PATCHES,
+            Self::Coarse => STRATA,
         }
     }
 
     /// Number of neighbouring rows whose inter-object visibility is taken to be equal.
-    fn rows_together(self, rows: usize) -> usize {
+    fn rows_joined(self, rows: usize) -> usize {
         match self {
             Self::Full => 1,
             Self::Coarse => (rows / COARSE_ROWS).clamp(1, PACKET),
@@ -137,7 +137,7 @@ impl Detail {
 #[derive(Clone, Debug)]
 pub struct Surroundings {
     /// Directional visibility of each surfel; hits count the surfels of all objects of the scene.
-    pub sight: Sight,
+    pub directional_visibility: DirectionalVisibility,
     /// The object's first surfel among those of the scene.
     pub first: usize,
     /// Number of surfels that see another object.
@@ -193,8 +193,12 @@ impl Surroundings {
         let first = firsts[which];
         let changes = changes(&own.bake, &others, detail, progress)?;
         Ok(Self {
-            changed: own.bake.sight.sharing.count(|row| changes[row].is_any()),
-            sight: changed(&own.bake, first as u32, &changes),
+            changed: own
+                .bake
+                .directional_visibility
+                .visibility_clusters
+                .count(|row| changes[row].is_any()),
+            directional_visibility: changed(&own.bake, first as u32, &changes),
             first,
             others,
         })
@@ -267,7 +271,7 @@ impl Change {
     /// Fills all directions from those that were traced.
     fn in_detail(mut self, detail: Detail) -> Self {
         for j in detail.directions()..DIRECTIONS {
-            let first = j % PATCHES;
+            let first = j % STRATA;
             let closed = self.closed[first / 64] >> (first % 64) & 1 == 1;
             self.close(j, closed);
         }
@@ -287,9 +291,9 @@ fn changes(
     progress: Progress<'_>,
 ) -> Result<Vec<Change>> {
     let directions = directions();
-    let leaders = &own.sight.sharing.leaders;
+    let leaders = &own.directional_visibility.visibility_clusters.leaders;
     let mut rows: Vec<(u32, Change)> = leaders.iter().map(|i| (*i, Change::default())).collect();
-    let each = detail.rows_together(rows.len());
+    let each = detail.rows_joined(rows.len());
     by_neighborhood(&mut rows, progress, |rows| {
         let of: Vec<u32> = rows.iter().step_by(each).map(|(i, _)| *i).collect();
         let found = neighborhood(own, others, &directions[..detail.directions()], &of);
@@ -312,16 +316,16 @@ fn neighborhood(
     let mut stack = Vec::new();
     let mut changes = vec![Change::default(); of.len()];
     // Patches whose first ray meets the object itself.
-    let patches = |i: &u32| {
-        let hits = own.sight.hits_of(*i as usize).iter();
-        hits.fold(0u128, |all, h| all | 1 << h.patch())
+    let strata = |i: &u32| {
+        let hits = own.directional_visibility.hits_of(*i as usize).iter();
+        hits.fold(0u128, |all, h| all | 1 << h.stratum())
     };
-    let meet_itself: Vec<u128> = of.iter().map(patches).collect();
+    let meet_itself: Vec<u128> = of.iter().map(strata).collect();
     let starts = own.tracer.ball_of_starts(of);
     for (j, direction) in directions.iter().enumerate() {
-        let patch = (j < PATCHES).then_some(j);
+        let stratum = (j < STRATA).then_some(j);
         // Where the object itself is met it may be behind another one; only a patch's first ray knows.
-        let meets_itself = |lane: usize| patch.is_some_and(|p| meet_itself[lane] >> p & 1 == 1);
+        let meets_itself = |lane: usize| stratum.is_some_and(|p| meet_itself[lane] >> p & 1 == 1);
         let mut nearest: Vec<Option<(f32, Hit)>> = vec![None; of.len()];
         for other in others {
             let toward = other.direction(*direction);
@@ -329,14 +333,16 @@ fn neighborhood(
                 continue;
             }
             let rays: Vec<(usize, RayStart)> = (of.iter().map(|i| *i as usize).enumerate())
-                .filter(|(lane, i)| own.sight.is_open(*i, j) || meets_itself(*lane))
+                .filter(|(lane, i)| {
+                    own.directional_visibility.is_open(*i, j) || meets_itself(*lane)
+                })
                 .map(|(lane, i)| (lane, other.start(&own.tracer.surfels[i], *direction)))
                 .filter(|(_, start)| other.is_near(start.origin, toward))
                 .collect();
             for rays in rays.chunks(PACKET) {
                 let starts: Vec<RayStart> = rays.iter().map(|(_, start)| *start).collect();
                 let tracer = &other.bake.tracer;
-                let met = tracer.met_from(&starts, toward, patch.is_none(), &mut stack);
+                let met = tracer.met_from(&starts, toward, stratum.is_none(), &mut stack);
                 for ((lane, _), (surfel, distance)) in rays.iter().zip(met.each()) {
                     if surfel == MISS {
                         continue;
@@ -344,13 +350,13 @@ fn neighborhood(
                     changes[*lane].close(j, !meets_itself(*lane));
                     let distance = distance / other.scale;
                     if nearest[*lane].is_none_or(|(before, _)| distance < before) {
-                        let hit = other.hit(patch.unwrap_or_default(), surfel, toward);
+                        let hit = other.hit(stratum.unwrap_or_default(), surfel, toward);
                         nearest[*lane] = Some((distance, hit));
                     }
                 }
             }
         }
-        if patch.is_none() {
+        if stratum.is_none() {
             continue;
         }
         let in_doubt: Vec<usize> = (0..of.len())
@@ -373,29 +379,29 @@ fn neighborhood(
 }
 
 /// Visibility of the surfels with these changes, `[rows]`.
-fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> Sight {
+fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> DirectionalVisibility {
     let directions = directions();
-    let sharing = &own.sight.sharing;
+    let visibility_clusters = &own.directional_visibility.visibility_clusters;
     let of_row = |(row, change): (usize, &Change)| {
-        let i = sharing.leaders[row] as usize;
-        let mut open = own.sight.open[row];
+        let i = visibility_clusters.leaders[row] as usize;
+        let mut open = own.directional_visibility.open[row];
         for (word, closed) in open.iter_mut().zip(change.closed) {
             *word &= !closed;
         }
-        let itself = own.sight.hits_of(i).iter();
+        let itself = own.directional_visibility.hits_of(i).iter();
         if change.hits.is_empty() {
             return (open, itself.map(|hit| hit.counted_from(first)).collect());
         }
         let behind = change
             .hits
             .iter()
-            .fold(0u128, |all, h| all | 1 << h.patch());
-        let itself = itself.filter(|h| behind >> h.patch() & 1 == 0);
+            .fold(0u128, |all, h| all | 1 << h.stratum());
+        let itself = itself.filter(|h| behind >> h.stratum() & 1 == 0);
         let mut hits: Vec<Hit> = itself.map(|hit| hit.counted_from(first)).collect();
         let (normal, two_sided) = (own.normals[i], own.two_sided[i]);
-        let counts = |hit: &&Hit| sees(normal, two_sided, directions[hit.patch()]);
+        let counts = |hit: &&Hit| sees(normal, two_sided, directions[hit.stratum()]);
         hits.extend(change.hits.iter().filter(counts));
-        hits.sort_unstable_by_key(|h: &Hit| h.patch());
+        hits.sort_unstable_by_key(|h: &Hit| h.stratum());
         (open, hits)
     };
     let each = changes.par_iter().enumerate().map(of_row);
@@ -405,8 +411,8 @@ fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> Sight {
         *sum += hits.len() as u32;
         Some(*sum)
     }));
-    Sight {
-        sharing: sharing.clone(),
+    DirectionalVisibility {
+        visibility_clusters: visibility_clusters.clone(),
         open,
         starts,
         hits: of_each.concat(),

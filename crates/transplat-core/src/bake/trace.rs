@@ -11,9 +11,9 @@ use fearless_simd::{Level, dispatch, f32x8};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::front::Fronts;
 pub use super::hierarchy::{BoxInOrder, PACKET, Stack};
 use super::hierarchy::{Ellipses, Hierarchy, Ray, WIDE, Wide, ellipse_box, thinning};
+use super::outward_side::OutwardSides;
 use super::scaled::ScaledObject;
 use crate::error::{Error, Result};
 use crate::morton::neighborhood_order;
@@ -116,7 +116,7 @@ pub struct Tracer {
     /// The surfels that rays start from. `[n]`
     pub surfels: Vec<RaySurfel>,
     /// Outward side of each surfel.
-    pub fronts: Fronts,
+    pub outward_sides: OutwardSides,
     /// Indices of the surfels so that neighbours follow each other. `[n]`
     pub order: Vec<u32>,
     /// Rays are traced against every how many-th disc: 1, but where they overlap so much that each would cross thousands.
@@ -129,14 +129,14 @@ pub struct Tracer {
 
 /// First hits of some rays.
 #[derive(Clone, Copy, Debug)]
-pub struct Met {
+pub struct FirstHits {
     /// The surfel, or [`MISS`].
     pub surfel: [u32; PACKET],
     /// Distances, in units of the object's radius; undefined for rays that stop at anything, and for misses.
     pub distance: [f32; PACKET],
 }
 
-impl Met {
+impl FirstHits {
     /// Ray by ray.
     pub fn each(&self) -> impl Iterator<Item = (u32, f32)> {
         self.surfel.into_iter().zip(self.distance)
@@ -145,16 +145,16 @@ impl Met {
 
 impl Tracer {
     /// Builds the hierarchy over the surfels that cast shadows.
-    pub fn new(cloud: &SurfelCloud, fronts: Fronts) -> Self {
+    pub fn new(cloud: &SurfelCloud, outward_sides: OutwardSides) -> Self {
         let object = ScaledObject::new(cloud);
         let surfels: Vec<RaySurfel> = (object.surfels.par_iter().enumerate())
             .map(|(i, s)| RaySurfel {
                 position: s.position,
                 axes: s.axes,
-                normal: fronts.normal(cloud, i),
+                normal: outward_sides.normal(cloud, i),
                 minor: cloud.scales[i].min_element() / object.radius,
                 major: cloud.scales[i].max_element() / object.radius,
-                one_sided: fronts.of[i].is_one_sided(),
+                one_sided: outward_sides.of[i].is_one_sided(),
             })
             .collect();
         let casting: Vec<u32> = (0..surfels.len() as u32)
@@ -183,7 +183,7 @@ impl Tracer {
             thinning,
             order: neighborhood_order(&surfels.iter().map(|s| s.position).collect::<Vec<_>>()),
             surfels,
-            fronts,
+            outward_sides,
         }
     }
 
@@ -218,7 +218,7 @@ impl Tracer {
     }
 
     /// First hits with their distances.
-    pub fn met(&self, of: &[u32], direction: Vec3, stack: &mut Stack) -> Met {
+    pub fn met(&self, of: &[u32], direction: Vec3, stack: &mut Stack) -> FirstHits {
         let starts = of.iter().map(|i| &self.surfels[*i as usize]);
         let rays = starts.map(|surfel| (surfel.start(direction), direction, f32::MAX));
         self.walk(rays, false, stack)
@@ -231,7 +231,7 @@ impl Tracer {
         direction: Vec3,
         any: bool,
         stack: &mut Stack,
-    ) -> Met {
+    ) -> FirstHits {
         let starts = starts.iter().copied();
         self.walk(starts.map(|start| (start, direction, f32::MAX)), any, stack)
     }
@@ -249,8 +249,8 @@ impl Tracer {
         rays: impl Iterator<Item = (RayStart, Vec3, f32)>,
         any: bool,
         stack: &mut Stack,
-    ) -> Met {
-        let mut met = Met {
+    ) -> FirstHits {
+        let mut met = FirstHits {
             surfel: [MISS; PACKET],
             distance: [f32::MAX; PACKET],
         };
@@ -467,9 +467,12 @@ mod tests {
     #[test]
     fn thinned_discs_block_what_all_block() {
         let mut cloud = synthetic::sphere(4000);
-        assert_eq!(Tracer::new(&cloud, Fronts::unknown(&cloud)).thinning, 1);
+        assert_eq!(
+            Tracer::new(&cloud, OutwardSides::unknown(&cloud)).thinning,
+            1
+        );
         cloud.scales.fill(glam::Vec2::splat(0.5));
-        let tracer = Tracer::new(&cloud, Fronts::unknown(&cloud));
+        let tracer = Tracer::new(&cloud, OutwardSides::unknown(&cloud));
         assert!(tracer.thinning > 4, "{}", tracer.thinning);
         assert!(tracer.disc_count() < 1200);
         let is_blocked = |i: u32, d: Vec3| {

@@ -27,7 +27,7 @@ const DARK: f32 = 0.01;
 
 /// A surfel with its soft rim.
 #[derive(Clone, Copy, Debug)]
-struct Veil {
+struct TranslucentLayer {
     center: Vec3,
     normal: Vec3,
     /// Unit tangents over the standard deviations.
@@ -38,7 +38,7 @@ struct Veil {
     surfel: u32,
 }
 
-impl Veil {
+impl TranslucentLayer {
     /// Where it ends along its axes.
     fn half_axes(&self) -> [Vec3; 2] {
         let reach = self.reach_squared.sqrt();
@@ -48,9 +48,9 @@ impl Veil {
 
 /// The surfels of an asset as a camera sees them.
 #[derive(Debug)]
-pub(super) struct Veils {
+pub(super) struct TranslucentLayers {
     /// Translucent layer of each surfel; those that cover nothing reach nowhere. `[n]`
-    of: Vec<Veil>,
+    of: Vec<TranslucentLayer>,
     boxes: OnceLock<Boxes>,
     /// Centres in units of the object's radius. `[n]`
     pub positions: Vec<Vec3>,
@@ -78,25 +78,35 @@ struct Leaf {
 }
 
 impl Leaf {
-    fn of(veils: &[&Veil]) -> Self {
-        let of = |value: fn(&Veil) -> f32| {
-            std::array::from_fn(|k| veils.get(k).map_or(0.0, |veil| value(veil)))
+    fn of(translucent_layers: &[&TranslucentLayer]) -> Self {
+        let of = |value: fn(&TranslucentLayer) -> f32| {
+            std::array::from_fn(|k| {
+                translucent_layers
+                    .get(k)
+                    .map_or(0.0, |translucent_layer| value(translucent_layer))
+            })
         };
-        let each = veils.iter().map(|v| (v.center, v.normal, v.inverse_axes));
+        let each = translucent_layers
+            .iter()
+            .map(|v| (v.center, v.normal, v.inverse_axes));
         Self {
             ellipses: Ellipses::new(each),
-            opacity: of(|veil| veil.opacity),
-            reach_squared: of(|veil| veil.reach_squared),
-            surfel: std::array::from_fn(|k| veils.get(k).map_or(0, |veil| veil.surfel)),
+            opacity: of(|translucent_layer| translucent_layer.opacity),
+            reach_squared: of(|translucent_layer| translucent_layer.reach_squared),
+            surfel: std::array::from_fn(|k| {
+                translucent_layers
+                    .get(k)
+                    .map_or(0, |translucent_layer| translucent_layer.surfel)
+            }),
         }
     }
 }
 
-impl Veils {
+impl TranslucentLayers {
     pub fn new(cloud: &SurfelCloud) -> Self {
         let object = ScaledObject::new(cloud);
         let positions: Vec<Vec3> = object.surfels.iter().map(|s| s.position).collect();
-        let veil = |i: usize| {
+        let translucent_layer = |i: usize| {
             let opacity = cloud.opacities[i];
             let [u, v] = cloud.tangents[i];
             // Larger ones are planes all the same, and the square of their inverse is 0.
@@ -104,7 +114,7 @@ impl Veils {
             let reach_squared = (2.0 * (opacity / LEAST_OPACITY).ln()).min(MOST_REACH * MOST_REACH);
             // A line or a point covers nothing.
             let covers = reach_squared > 0.0 && scale.min_element() >= 1e-9;
-            Veil {
+            TranslucentLayer {
                 center: positions[i],
                 normal: u.cross(v),
                 inverse_axes: [u / scale.x, v / scale.y],
@@ -114,7 +124,7 @@ impl Veils {
             }
         };
         Self {
-            of: (0..cloud.len()).map(veil).collect(),
+            of: (0..cloud.len()).map(translucent_layer).collect(),
             boxes: OnceLock::new(),
             order: neighborhood_order(&positions),
             radius: object.radius,
@@ -125,25 +135,36 @@ impl Veils {
     /// Built where rays are asked for.
     fn boxes(&self) -> &Boxes {
         self.boxes.get_or_init(|| {
-            let cover = self.of.iter().filter(|veil| veil.reach_squared > 0.0);
-            let (all, boxes): (Vec<&Veil>, Vec<Aabb>) = cover
-                .map(|veil| (veil, ellipse_box(veil.center, veil.half_axes())))
+            let cover = self
+                .of
+                .iter()
+                .filter(|translucent_layer| translucent_layer.reach_squared > 0.0);
+            let (all, boxes): (Vec<&TranslucentLayer>, Vec<Aabb>) = cover
+                .map(|translucent_layer| {
+                    (
+                        translucent_layer,
+                        ellipse_box(translucent_layer.center, translucent_layer.half_axes()),
+                    )
+                })
                 .unzip();
             // Each that is kept lets through what those do together that it stands for.
             let thinning = thinning(&boxes);
             let boxes: Vec<Aabb> = boxes.into_iter().step_by(thinning).collect();
-            let kept = all.into_iter().step_by(thinning).map(|veil| Veil {
-                opacity: match thinning {
-                    1 => veil.opacity,
-                    many => 1.0 - (1.0 - veil.opacity).powi(many as i32),
-                },
-                ..*veil
-            });
-            let all: Vec<Veil> = kept.collect();
+            let kept =
+                all.into_iter()
+                    .step_by(thinning)
+                    .map(|translucent_layer| TranslucentLayer {
+                        opacity: match thinning {
+                            1 => translucent_layer.opacity,
+                            many => 1.0 - (1.0 - translucent_layer.opacity).powi(many as i32),
+                        },
+                        ..*translucent_layer
+                    });
+            let all: Vec<TranslucentLayer> = kept.collect();
             let (hierarchy, order) = Hierarchy::new(&boxes);
             let leaf = |things: Range<usize>| {
-                let veils = order[things].iter().map(|i| &all[*i as usize]);
-                Leaf::of(&veils.collect::<Vec<_>>())
+                let translucent_layers = order[things].iter().map(|i| &all[*i as usize]);
+                Leaf::of(&translucent_layers.collect::<Vec<_>>())
             };
             let leaves = hierarchy.leaves().map(leaf).collect();
             Boxes { hierarchy, leaves }
@@ -182,12 +203,12 @@ const RUN: usize = 8;
 
 impl LightGrid {
     /// Whose pixels are as large as most surfels' larger standard deviations, or twice as large; none where they would be larger still.
-    pub fn resolving(veils: &Veils) -> Option<Self> {
-        let squared_size = |veil: &Veil| {
-            let [a, b] = veil.inverse_axes.map(Vec3::length_squared);
+    pub fn resolving(translucent_layers: &TranslucentLayers) -> Option<Self> {
+        let squared_size = |translucent_layer: &TranslucentLayer| {
+            let [a, b] = translucent_layer.inverse_axes.map(Vec3::length_squared);
             1.0 / a.min(b)
         };
-        let mut sizes: Vec<f32> = veils.of.iter().map(squared_size).collect();
+        let mut sizes: Vec<f32> = translucent_layers.of.iter().map(squared_size).collect();
         let middle = sizes.len() / 2;
         let typical = sizes.select_nth_unstable_by(middle, f32::total_cmp).1;
         let edge = 2.0 / typical.sqrt();
@@ -202,22 +223,31 @@ impl LightGrid {
         }
     }
 
-    /// [`Veils::transmittance`] of all, 255 is all of it. `[n]`
-    pub fn transmittance(&mut self, veils: &Veils, direction: Vec3) -> Vec<u8> {
-        let nearest_first = |(i, veil): (usize, &Veil)| {
-            let behind = veil.center.dot(-direction).to_bits();
+    /// [`TranslucentLayers::transmittance`] of all, 255 is all of it. `[n]`
+    pub fn transmittance(
+        &mut self,
+        translucent_layers: &TranslucentLayers,
+        direction: Vec3,
+    ) -> Vec<u8> {
+        let nearest_first = |(i, translucent_layer): (usize, &TranslucentLayer)| {
+            let behind = translucent_layer.center.dot(-direction).to_bits();
             // Ordered as the numbers are.
             let sign = if behind >> 31 == 1 { u32::MAX } else { 1 << 31 };
             u64::from(behind ^ sign) << 32 | i as u64
         };
         self.left.fill(1.0);
         self.order.clear();
-        let each = veils.of.iter().enumerate();
+        let each = translucent_layers.of.iter().enumerate();
         self.order.extend(each.map(nearest_first));
         self.order.sort_unstable();
-        let mut through = vec![u8::MAX; veils.of.len()];
+        let mut through = vec![u8::MAX; translucent_layers.of.len()];
         let (right, down) = direction.any_orthonormal_pair();
-        blend(self, &veils.of, [right, down, direction], &mut through);
+        blend(
+            self,
+            &translucent_layers.of,
+            [right, down, direction],
+            &mut through,
+        );
         through
     }
 }
@@ -225,7 +255,7 @@ impl LightGrid {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 fn blend(
     LightGrid { edge, left, order }: &mut LightGrid,
-    veils: &[Veil],
+    translucent_layers: &[TranslucentLayer],
     [right, down, direction]: [Vec3; 3],
     through: &mut [u8],
 ) {
@@ -233,17 +263,20 @@ fn blend(
     let scale = 0.5 * last;
     for entry in order {
         let i = *entry as u32 as usize;
-        let veil = &veils[i];
-        let middle = [right, down].map(|axis| (veil.center.dot(axis) + 1.0) * scale);
+        let translucent_layer = &translucent_layers[i];
+        let middle = [right, down].map(|axis| (translucent_layer.center.dot(axis) + 1.0) * scale);
         // Nothing covers what lies far out.
         if middle.iter().all(|v| (0.0..last).contains(v)) {
             let [column, row] = middle.map(|v| v as usize);
             through[i] = (255.0 * left[row * stride + column]).round() as u8;
         }
-        let (half, reach) = (veil.half_axes(), veil.reach_squared.sqrt());
+        let (half, reach) = (
+            translucent_layer.half_axes(),
+            translucent_layer.reach_squared.sqrt(),
+        );
         let [a, b] = half.map(|axis| [axis.dot(right) * scale, axis.dot(down) * scale]);
         let over = reach / (a[0] * b[1] - a[1] * b[0]);
-        if veil.normal.dot(direction).abs() < LEAST_FACING || !over.is_finite() {
+        if translucent_layer.normal.dot(direction).abs() < LEAST_FACING || !over.is_finite() {
             continue;
         }
         // Pixels are covered where their middles are.
@@ -266,10 +299,10 @@ fn blend(
                     let x = x + lane as f32;
                     let (u, v) = (x * by_x[0] + y * by_y[0], x * by_x[1] + y * by_y[1]);
                     let off = u * u + v * v;
-                    let met = off <= veil.reach_squared;
+                    let met = off <= translucent_layer.reach_squared;
                     *left *= 1.0
                         - if met {
-                            veil.opacity * falloff(1.0, off)
+                            translucent_layer.opacity * falloff(1.0, off)
                         } else {
                             0.0
                         };
@@ -343,12 +376,12 @@ mod tests {
             // No two in one plane: either may be in front of the other.
             cloud.positions[i].z += 0.02 * ((i * 5 % 13) as f32 / 13.0);
         }
-        let veils = Veils::new(&cloud);
+        let translucent_layers = TranslucentLayers::new(&cloud);
         let mut stack = Vec::new();
         let (mut off, mut far, mut count) = (0f64, 0, 0);
         for d in [Vec3::Z, Vec3::new(0.48, -0.6, 0.64), -Vec3::Y] {
-            for of in veils.order.chunks(PACKET) {
-                let through = veils.transmittance(of, d, &mut stack);
+            for of in translucent_layers.order.chunks(PACKET) {
+                let through = translucent_layers.transmittance(of, d, &mut stack);
                 for (i, got) in of.iter().zip(through) {
                     let exact = oracle::transmittance(&cloud, *i as usize, d.as_dvec3());
                     let error = (f64::from(got) - exact).abs();
@@ -368,9 +401,9 @@ mod tests {
         let mut cloud = synthetic::sphere_over_plate(300);
         cloud.scales[0] = Vec2::splat(f32::MAX);
         cloud.scales[1].x = 1e25;
-        let veils = Veils::new(&cloud);
-        for of in veils.order.chunks(PACKET) {
-            let through = veils.transmittance(of, Vec3::Y, &mut Vec::new());
+        let translucent_layers = TranslucentLayers::new(&cloud);
+        for of in translucent_layers.order.chunks(PACKET) {
+            let through = translucent_layers.transmittance(of, Vec3::Y, &mut Vec::new());
             assert!(through.iter().all(|t| (0.0..=1.0).contains(t)));
         }
     }
@@ -385,8 +418,8 @@ mod tests {
         cloud.opacities.fill(0.5);
         // Those of a sheet do not reach each other's middles.
         cloud.scales.iter_mut().for_each(|s| *s *= 0.3);
-        let veils = Veils::new(&cloud);
-        let through = LightGrid::new(1024).transmittance(&veils, Vec3::Z);
+        let translucent_layers = TranslucentLayers::new(&cloud);
+        let through = LightGrid::new(1024).transmittance(&translucent_layers, Vec3::Z);
         for (i, through) in through.iter().enumerate() {
             let expected = [255.0, 127.5, 63.75, 255.0][i / 16];
             // The middle of a pixel is off that of the surfel by half of one.
@@ -402,6 +435,6 @@ mod tests {
         let mut cloud = synthetic::sphere(3000);
         cloud.add(&synthetic::sphere(3000), 1e-4, Vec3::ZERO);
         cloud.add(&synthetic::sphere(3000), 1e-4, Vec3::X);
-        assert!(LightGrid::resolving(&Veils::new(&cloud)).is_none());
+        assert!(LightGrid::resolving(&TranslucentLayers::new(&cloud)).is_none());
     }
 }

@@ -28,7 +28,7 @@ pub enum Shape {
         /// Unit vector along which it shines.
         axis: Vec3,
         /// Angle from the axis up to which it has its whole intensity, in radians.
-        beam: f32,
+        light_sample: f32,
         /// Cosine from which on it has none; between them it falls with the angle.
         cutoff: f32,
     },
@@ -130,16 +130,16 @@ impl Shape {
             Self::Spot {
                 position,
                 axis,
-                beam,
+                light_sample,
                 cutoff,
             } => {
                 let seen = from_point(position, at, nearest);
                 let angle = (-seen.direction).angle_between(axis);
-                let share = if angle <= beam {
+                let share = if angle <= light_sample {
                     1.0
                 } else {
                     // Of one without a soft edge nothing is left beyond.
-                    ((cutoff - angle) / (cutoff - beam).max(1e-9)).clamp(0.0, 1.0)
+                    ((cutoff - angle) / (cutoff - light_sample).max(1e-9)).clamp(0.0, 1.0)
                 };
                 Sample {
                     strength: share * seen.strength,
@@ -232,12 +232,12 @@ impl Shape {
             Self::Spot {
                 position,
                 axis,
-                beam,
+                light_sample,
                 cutoff,
             } => Self::Spot {
                 position: place(position),
                 axis: turned(axis),
-                beam,
+                light_sample,
                 cutoff,
             },
             Self::Area {
@@ -453,7 +453,7 @@ mod tests {
         let light = Shape::Spot {
             position: Vec3::Z,
             axis: -Vec3::Z,
-            beam: 0.2,
+            light_sample: 0.2,
             cutoff: 0.4,
         };
         let at = |angle: f32| {
@@ -491,7 +491,7 @@ mod tests {
             Shape::Spot {
                 position,
                 axis,
-                beam: 0.1,
+                light_sample: 0.1,
                 cutoff: 0.3,
             },
             square(position, 0.5, axis, false),

@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use glam::{Affine3A, DMat3, Vec3};
 
-use super::beams::{Beam, Beams};
 use super::emitter::{Emitter, FEW, Shape};
+use super::light_samples::{LightSample, LightSamples};
 use super::map::EnvironmentMap;
 use super::radiance::{IncidentRadiance, project_environment};
 use crate::error::{Error, Result};
@@ -16,41 +16,44 @@ pub struct Illumination {
     /// As an SH series.
     pub radiance: IncidentRadiance,
     /// As beams, for the directional method; where nobody needs them they are left out.
-    pub beams: Option<Beams>,
+    pub light_samples: Option<LightSamples>,
     /// Lights at a finite distance or with an extent, beside those: the directional method takes them as they are.
     pub emitters: Vec<Emitter>,
     /// Confidence in it as a capture light, 0 to 1: the change of a surfel away from it is raised to that power (the directional method).
     pub trust: f32,
     /// User-set gain by channel, which is in it already: that is known, and counts in full where a source has low confidence.
-    pub told_gain: [f32; 3],
+    pub user_gain: [f32; 3],
 }
 
 impl Illumination {
     /// A light in these forms, wholly believed.
-    pub fn new(radiance: IncidentRadiance, beams: Option<Beams>) -> Self {
+    pub fn new(radiance: IncidentRadiance, light_samples: Option<LightSamples>) -> Self {
         Self {
             radiance,
-            beams,
+            light_samples,
             emitters: Vec::new(),
             trust: 1.0,
-            told_gain: [1.0; 3],
+            user_gain: [1.0; 3],
         }
     }
 
     /// Radiance 1 from everywhere.
     pub fn even(degree: usize) -> Self {
-        Self::new(IncidentRadiance::even(degree), Some(Beams::even()))
+        Self::new(IncidentRadiance::even(degree), Some(LightSamples::even()))
     }
 
     /// SH series of a map to a degree.
     pub fn of(map: &EnvironmentMap, degree: usize) -> Self {
-        Self::new(project_environment(map, degree), Some(Beams::of(map)))
+        Self::new(
+            project_environment(map, degree),
+            Some(LightSamples::of(map)),
+        )
     }
 
     /// Light with a user-set gain by channel.
     pub fn told(&self, gain: [f32; 3]) -> Self {
         Self {
-            told_gain: std::array::from_fn(|c| self.told_gain[c] * gain[c]),
+            user_gain: std::array::from_fn(|c| self.user_gain[c] * gain[c]),
             ..self.tinted(gain)
         }
     }
@@ -59,16 +62,19 @@ impl Illumination {
     ///
     /// # Errors
     /// The light was read without.
-    pub fn for_directional(&self) -> Result<(&IncidentRadiance, &Beams)> {
+    pub fn for_directional(&self) -> Result<(&IncidentRadiance, &LightSamples)> {
         let missing = || Error::Mismatch("the light was not read for preset best".into());
-        Ok((&self.radiance, self.beams.as_ref().ok_or_else(missing)?))
+        Ok((
+            &self.radiance,
+            self.light_samples.as_ref().ok_or_else(missing)?,
+        ))
     }
 
     /// The light turned by `rotation` (world to world).
     pub fn rotated(&self, rotation: DMat3) -> Self {
         Self {
             radiance: self.radiance.rotated(rotation),
-            beams: self.beams.as_ref().map(|b| b.rotated(rotation)),
+            light_samples: self.light_samples.as_ref().map(|b| b.rotated(rotation)),
             emitters: self.emitters_moved(Affine3A::from_mat3(rotation.as_mat3())),
             ..*self
         }
@@ -92,7 +98,7 @@ impl Illumination {
     pub fn mirrored(&self) -> Self {
         Self {
             radiance: self.radiance.mirrored(),
-            beams: self.beams.as_ref().map(Beams::mirrored),
+            light_samples: self.light_samples.as_ref().map(LightSamples::mirrored),
             emitters: self.emitters_moved(Affine3A::from_scale(Vec3::new(1.0, -1.0, 1.0))),
             ..*self
         }
@@ -102,7 +108,7 @@ impl Illumination {
     pub fn tinted(&self, gain: [f32; 3]) -> Self {
         Self {
             radiance: self.radiance.tinted(gain),
-            beams: self.beams.as_ref().map(|b| b.tinted(gain)),
+            light_samples: self.light_samples.as_ref().map(|b| b.tinted(gain)),
             emitters: self.emitters.iter().map(|e| e.tinted(gain)).collect(),
             ..*self
         }
@@ -114,21 +120,22 @@ impl Illumination {
     }
 
     /// Adds a source without extent.
-    pub fn add(&mut self, beam: Beam) {
+    pub fn add(&mut self, light_sample: LightSample) {
         // What the user made of the rest counts for its share of all.
         let means = self.radiance.mean_irradiances();
-        self.told_gain = std::array::from_fn(|c| {
-            let (mean, added) = (means[c], beam.energy[c] / 4.0);
-            let untold = mean / self.told_gain[c].max(f32::MIN_POSITIVE);
-            if mean > 0.0 && untold.is_finite() {
-                (mean + added) / (untold + added)
+        self.user_gain = std::array::from_fn(|c| {
+            let (mean, added) = (means[c], light_sample.energy[c] / 4.0);
+            let unset = mean / self.user_gain[c].max(f32::MIN_POSITIVE);
+            if mean > 0.0 && unset.is_finite() {
+                (mean + added) / (unset + added)
             } else {
                 1.0
             }
         });
-        self.radiance.add(beam.direction, beam.energy);
-        if let Some(beams) = &mut self.beams {
-            beams.add(beam);
+        self.radiance
+            .add(light_sample.direction, light_sample.energy);
+        if let Some(light_samples) = &mut self.light_samples {
+            light_samples.add(light_sample);
         }
     }
 
@@ -136,7 +143,10 @@ impl Illumination {
     #[must_use]
     pub fn without_suns(&self) -> Self {
         let mut light = self.clone();
-        let suns = light.beams.as_mut().map(|b| std::mem::take(&mut b.suns));
+        let suns = light
+            .light_samples
+            .as_mut()
+            .map(|b| std::mem::take(&mut b.suns));
         for sun in suns.unwrap_or_default() {
             let less = sun.energy.map(|e| -e);
             light.radiance.add(sun.direction, less);

@@ -3,8 +3,8 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::beams::{Beam, SUN_RADIUS};
 use super::emitter::{Emitter, Shape};
+use super::light_samples::{LightSample, SUN_RADIUS};
 use super::map::{EnvironmentMap, direction_at};
 use crate::color::luminance;
 
@@ -31,7 +31,7 @@ impl EnvironmentMap {
     /// The map without some of its suns: over each lies the sky of the rim around it, as smooth as that allows (harmonic, by Poisson's integral),
     /// where it is darker.
     #[must_use]
-    pub fn without_suns(mut self, suns: &[Beam]) -> Self {
+    pub fn without_suns(mut self, suns: &[LightSample]) -> Self {
         // A sun's direction is that of its middle, which need not be its brightest pixel.
         let radius = (1.25 * SUN_RADIUS).to_radians();
         for sun in suns {
@@ -221,21 +221,21 @@ mod tests {
         let sun = DVec3::new(0.6, 0.3, 0.2).normalize();
         let map = EnvironmentMap::of_directions(512, 256, |d| {
             let degrees = d.angle_between(sun).to_degrees();
-            let glow = (4.0 - 0.3 * degrees).max(0.0) as f32;
+            let lamp = (4.0 - 0.3 * degrees).max(0.0) as f32;
             match degrees < 1.0 {
                 true => [3000.0, 500.0, 0.0],
                 false => [
-                    glow + 0.5,
-                    0.6 * glow + 0.5,
-                    0.3 * glow + 0.1 * d.x as f32 + 0.5,
+                    lamp + 0.5,
+                    0.6 * lamp + 0.5,
+                    0.3 * lamp + 0.1 * d.x as f32 + 0.5,
                 ],
             }
         });
-        let beam = Beam {
+        let light_sample = LightSample {
             direction: sun.as_vec3(),
             energy: [1.0; 3],
         };
-        let without = map.clone().without_suns(&[beam]);
+        let without = map.clone().without_suns(&[light_sample]);
         let degrees = |i: usize| {
             let d = map.direction(i % map.width(), i / map.width());
             DVec3::from_array(d).angle_between(sun).to_degrees()
@@ -271,12 +271,26 @@ mod tests {
             }
         });
         let light = Illumination::of(&map, 4);
-        let suns = light.beams.as_ref().expect("read with them").suns.clone();
+        let suns = light
+            .light_samples
+            .as_ref()
+            .expect("read with them")
+            .suns
+            .clone();
         assert_eq!(suns.len(), 1);
         let without = light.without_suns();
         let expected = Illumination::of(&map.without_suns(&suns), 4);
-        assert!(expected.beams.as_ref().is_some_and(|b| b.suns.is_empty()));
-        let of = |l: &Illumination| l.beams.as_ref().map_or(0.0, |b| b.mean_irradiance());
+        assert!(
+            expected
+                .light_samples
+                .as_ref()
+                .is_some_and(|b| b.suns.is_empty())
+        );
+        let of = |l: &Illumination| {
+            l.light_samples
+                .as_ref()
+                .map_or(0.0, |b| b.mean_irradiance())
+        };
         for (found, expected) in [
             (of(&without), of(&expected)),
             (without.mean_irradiance(), expected.mean_irradiance()),
@@ -314,7 +328,7 @@ mod tests {
                 Shape::Spot {
                     position,
                     axis: -toward,
-                    beam: 0.1,
+                    light_sample: 0.1,
                     cutoff: 0.2,
                 },
                 area(0.9, false),

@@ -25,7 +25,7 @@ impl Layout {
     /// The one that a picture's shape and its empty parts tell: a cross has six empty squares and a disc four empty corners. Whether a disc is
     /// an angular map or a mirror ball cannot be told; light probes are the former.
     pub fn of_shape(picture: &EnvironmentMap) -> Self {
-        if Cross::of(picture).is_some_and(|cross| cross.is_told) {
+        if Cross::of(picture).is_some_and(|cross| cross.is_explicit) {
             Self::CubeCross
         } else if picture.width == picture.height && Empty::around_disc(picture) {
             Self::AngularMap
@@ -170,7 +170,7 @@ struct Cross {
     /// The column that has a face above and below: it is ahead.
     ahead: usize,
     /// True where its empty squares show it.
-    is_told: bool,
+    is_explicit: bool,
 }
 
 impl Cross {
@@ -199,7 +199,7 @@ impl Cross {
             edge,
             is_upright,
             ahead: found.unwrap_or(1),
-            is_told: found.is_some(),
+            is_explicit: found.is_some(),
         })
     }
 

@@ -7,7 +7,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::bake::directional::DirectionalBake;
-use crate::bake::patches::{DIRECTIONS, PATCHES, directions};
+use crate::bake::strata::{DIRECTIONS, STRATA, directions};
 use crate::nearest::Nearest;
 use crate::numeric::weighted_quantile;
 use crate::surfels::{MIN_ALPHA, SurfelCloud};
@@ -175,17 +175,17 @@ impl Clusters {
                     normal += *share * n;
                     position += *share * bake.tracer.surfels[i].position;
                     for (j, d) in directions.iter().enumerate() {
-                        if bake.sight.is_open(i, j) {
+                        if bake.directional_visibility.is_open(i, j) {
                             seen[j] += share * n.dot(*d).max(0.0) * (omega / DIRECTIONS as f32);
                         }
                     }
                     for c in 0..3 {
                         mean[0][c] += w * f64::from(radiance[i][0][c]);
                     }
-                    for hit in bake.sight.hits_of(i) {
-                        let cosine = n.dot(directions[hit.patch()]).max(0.0);
+                    for hit in bake.directional_visibility.hits_of(i) {
+                        let cosine = n.dot(directions[hit.stratum()]).max(0.0);
                         let b = radiance[hit.surfel()][usize::from(hit.is_back())];
-                        let scale = w * f64::from(cosine * omega / PATCHES as f32);
+                        let scale = w * f64::from(cosine * omega / STRATA as f32);
                         for c in 0..3 {
                             let b = f64::from(b[c]);
                             mean[1][c] += scale * if b.is_finite() { b } else { 0.0 };

@@ -7,7 +7,7 @@ use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::clusters::Clusters;
-use crate::bake::patches::{DIRECTIONS, directions};
+use crate::bake::strata::{DIRECTIONS, directions};
 use crate::error::Result;
 use crate::numeric::weighted_quantile;
 use crate::progress::{Progress, tell};

@@ -29,7 +29,7 @@ fn lit(
         let n = bake.normals[i];
         let mut e = [0f32; 3];
         for (j, (d, l)) in toward.iter().enumerate() {
-            if bake.sight.is_open(i, j) {
+            if bake.directional_visibility.is_open(i, j) {
                 e = std::array::from_fn(|c| e[c] + omega * n.dot(*d).max(0.0) * l[c]);
             }
         }
@@ -47,12 +47,12 @@ fn lit(
         std::array::from_fn(|c| albedo(i)[c] * e[c] / std::f32::consts::PI)
     };
     let first: Vec<[f32; 3]> = (0..cloud.len()).map(|i| exitance(i, direct(i))).collect();
-    let patch = 4.0 * std::f32::consts::PI / crate::bake::patches::PATCHES as f32;
+    let stratum = 4.0 * std::f32::consts::PI / crate::bake::strata::STRATA as f32;
     let with_bounce: Vec<[f32; 3]> = (0..cloud.len())
         .map(|i| {
             let mut e = direct(i);
-            for hit in bake.sight.hits_of(i) {
-                let cosine = patch * bake.normals[i].dot(toward[hit.patch()].0).max(0.0);
+            for hit in bake.directional_visibility.hits_of(i) {
+                let cosine = stratum * bake.normals[i].dot(toward[hit.stratum()].0).max(0.0);
                 e = std::array::from_fn(|c| e[c] + cosine * first[hit.surfel()][c]);
             }
             exitance(i, e)
@@ -165,9 +165,14 @@ fn a_sun_is_found_where_there_is_one() {
     assert!((0.5..1.5).contains(&ratio), "{ratio}");
     // Any program that reads the map sees the same light.
     let map = found.light.map(UpAxis::default());
-    let beams = crate::environment::Beams::of(&map);
-    assert!(beams.suns[0].direction.dot(Vec3::from_array(direction)) > 0.5f32.to_radians().cos());
-    assert!((beams.suns[0].energy[1] / energy[1] - 1.0).abs() < 0.05);
+    let light_samples = crate::environment::LightSamples::of(&map);
+    assert!(
+        light_samples.suns[0]
+            .direction
+            .dot(Vec3::from_array(direction))
+            > 0.5f32.to_radians().cos()
+    );
+    assert!((light_samples.suns[0].energy[1] / energy[1] - 1.0).abs() < 0.05);
 }
 
 #[test]

@@ -238,13 +238,13 @@ fn comes_back(trial: &Trial<'_>) -> std::result::Result<(), String> {
             cloud.sh = relit.stored(&cloud).into();
         }
         let now = mean_radiance(&cloud, normals);
-        let fronts = || {
+        let outward_sides = || {
             now.iter()
                 .zip(&start)
                 .flat_map(|(a, b)| a[0].into_iter().zip(b[0]))
         };
-        let off: f32 = fronts().map(|(a, b)| (a - b) * (a - b)).sum();
-        let all: f32 = fronts().map(|(_, b)| b * b).sum();
+        let off: f32 = outward_sides().map(|(a, b)| (a - b) * (a - b)).sum();
+        let all: f32 = outward_sides().map(|(_, b)| b * b).sum();
         let drift = (off / all).sqrt();
         if !drift.is_finite() {
             return Err(format!("no numbers after {turn} turns"));

@@ -142,7 +142,7 @@ proptest! {
     #[test]
     fn a_black_target_is_black(cloud in cloud(), source in light(), mut settings in any_preset()) {
         // But for what shines by itself.
-        settings.terms.glow = false;
+        settings.terms.emission = false;
         let black = Illumination::of(&EnvironmentMap::new(1, 1, vec![[0.0; 3]]), MAX_DEGREE);
         let bake = bake(&cloud, settings.method);
         let relit = relight(&cloud, &bake, [&source, &black], &settings).linear();

@@ -9,7 +9,7 @@ use glam::{Affine3A, DQuat, Quat};
 
 use super::format::{self, SplatFormat};
 use super::kind::{FileKind, file_kind, file_of};
-use super::rows::{AssetKind, AssetReport, NOT_WRITTEN};
+use super::rows::{NOT_WRITTEN, SplatKind, SplatReport};
 use super::write::write_atomically;
 use super::written::Written;
 use super::{gltf, ksplat, ply, read, sog, splat, spz};
@@ -19,11 +19,11 @@ use crate::transfer::materials::Materials;
 
 /// The file behind an asset: what [`write_relit`] needs to write it again with other colour.
 #[derive(Clone, Debug)]
-pub struct AssetFile {
+pub struct SplatFile {
     /// Where it was read.
     pub path: PathBuf,
     /// Report of loading.
-    pub report: AssetReport,
+    pub report: SplatReport,
     /// In which format it is.
     pub format: SplatFormat,
     /// Header that a PLY is written again by.
@@ -33,7 +33,7 @@ pub struct AssetFile {
     surfel_of_row: Arc<[u32]>,
 }
 
-impl AssetFile {
+impl SplatFile {
     /// File of some of its surfels, numbered anew in that order.
     pub fn part(&self, surfels: &[usize]) -> Self {
         let mut anew = vec![NOT_WRITTEN; self.surfel_of_row.len()];
@@ -50,7 +50,7 @@ impl AssetFile {
 
     /// The axis that is up in most files of its kind; a PLY of 2D surfels comes with any.
     pub fn usual_up(&self) -> Option<UpAxis> {
-        let is_any = self.format == SplatFormat::Ply && self.report.kind == AssetKind::Surfels2d;
+        let is_any = self.format == SplatFormat::Ply && self.report.kind == SplatKind::Surfels2d;
         (!is_any).then(|| self.format.usual_up())
     }
 
@@ -67,10 +67,11 @@ impl AssetFile {
 
     /// Its surfels as the file has them, without what was left out.
     fn order(&self) -> Vec<u32> {
-        let left_out = &self.report.left_out;
+        let skipped_work = &self.report.skipped_work;
         let rows = self.surfel_of_row.iter().enumerate();
-        let kept =
-            |(row, s): &(usize, &u32)| **s != NOT_WRITTEN && left_out.binary_search(row).is_err();
+        let kept = |(row, s): &(usize, &u32)| {
+            **s != NOT_WRITTEN && skipped_work.binary_search(row).is_err()
+        };
         rows.filter(kept).map(|(_, surfel)| *surfel).collect()
     }
 
@@ -103,7 +104,7 @@ fn stamp(metadata: &Metadata) -> Stamp {
 ///
 /// # Errors
 /// The file cannot be read, is no splat, lacks a property that a splat has, ends before its rows do, or is mostly no numbers.
-pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
+pub fn load_splat(path: &Path) -> Result<(SurfelCloud, SplatFile)> {
     let path = &*file_of(path);
     let kind = file_kind(path);
     let mut reader = read::open(path)?;
@@ -137,7 +138,7 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
         _ => format.usual_up(),
     };
     cloud.up = report.up.unwrap_or(assumed);
-    let asset = AssetFile {
+    let asset = SplatFile {
         path: path.to_owned(),
         report,
         format,
@@ -149,14 +150,14 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
 }
 
 /// Losses in a file of that name, which is not of the splat's own format.
-pub fn losses(asset: &AssetFile, cloud: &SurfelCloud, path: &Path) -> Option<String> {
+pub fn losses(asset: &SplatFile, cloud: &SurfelCloud, path: &Path) -> Option<String> {
     let format = SplatFormat::of_name(path).filter(|f| *f != asset.format)?;
     let mut losses = format.losses(cloud);
     let mut splat = Written::new(cloud, &cloud.sh, asset.order());
     format::arrange(format, &mut splat);
     // What is too coarse is not written at all.
-    let is_told = |r: &format::Rounding| r.is_seen() && !r.is_too_coarse();
-    let rounding = format::rounding(format, &splat).filter(is_told);
+    let is_explicit = |r: &format::Rounding| r.is_seen() && !r.is_too_coarse();
+    let rounding = format::rounding(format, &splat).filter(is_explicit);
     losses.extend(rounding.map(|r| {
         format!(
             "positions of {:.0} % of the splats in steps as large as they are",
@@ -223,7 +224,7 @@ fn write_checked(format: SplatFormat, mut splat: Written<'_>, path: &Path) -> Re
 /// # Errors
 /// The source file is gone or has changed since it was loaded, or the output cannot be written.
 pub fn write_relit(
-    asset: &AssetFile,
+    asset: &SplatFile,
     cloud: &SurfelCloud,
     stored: &[[f32; 3]],
     path: &Path,
@@ -250,7 +251,7 @@ pub fn write_relit(
 /// # Errors
 /// The format holds no materials, or the output cannot be written.
 pub fn write_delit(
-    asset: &AssetFile,
+    asset: &SplatFile,
     cloud: &SurfelCloud,
     materials: Option<&Materials>,
     path: &Path,
@@ -264,7 +265,7 @@ pub fn write_delit(
 
 /// Writes the splat alone, upright as files of the format are where the asset's are otherwise.
 fn write_anew(
-    asset: &AssetFile,
+    asset: &SplatFile,
     (cloud, stored): (&SurfelCloud, &[[f32; 3]]),
     materials: Option<&Materials>,
     path: &Path,

@@ -11,12 +11,12 @@ use bytemuck::Pod;
 
 use super::write::write_atomically;
 use crate::bake::directional::DirectionalBake;
-use crate::bake::front::{Front, Fronts};
 use crate::bake::harmonic::{DIRECTIONS, HarmonicBake};
-use crate::bake::patches;
-use crate::bake::patches::{Found, Hit, MOST_SURFELS, PATCHES, WORDS};
-use crate::bake::sharing::Sharing;
+use crate::bake::outward_side::{OutwardSide, OutwardSides};
+use crate::bake::strata;
+use crate::bake::strata::{Found, Hit, MOST_SURFELS, STRATA, WORDS};
 use crate::bake::trace::Tracer;
+use crate::bake::visibility_clusters::VisibilityClusters;
 use crate::bake::{Bake, check_method};
 use crate::error::{Error, Result};
 use crate::settings::Method;
@@ -127,12 +127,12 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
             (known, 0, [directions; 2], HEADER_BYTES)
         }
         Method::Directional => {
-            let known = directions == patches::DIRECTIONS as u64
+            let known = directions == strata::DIRECTIONS as u64
                 && surfels <= MOST_SURFELS as u64
                 && rows <= surfels;
             let least = (size_of::<[u64; WORDS]>() + 2 * 4) as u64;
-            let each = (size_of::<Front>() + 4) as u64;
-            let most = least + 4 * PATCHES as u64;
+            let each = (size_of::<OutwardSide>() + 4) as u64;
+            let most = least + 4 * STRATA as u64;
             (known, each, [least, most], HEADER_BYTES + 4)
         }
     };
@@ -171,7 +171,7 @@ pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
     write_atomically(path, |out| {
         out.write_all(MAGIC)?;
         let rows = match baked {
-            Bake::Directional(directional) => directional.sight.open.len(),
+            Bake::Directional(directional) => directional.directional_visibility.open.len(),
             _ => cloud.len(),
         };
         for value in [
@@ -186,13 +186,17 @@ pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
         match baked {
             Bake::Harmonic(visibility) => out.write_all(&visibility.open),
             Bake::Directional(directional) => {
-                let sight = &directional.sight;
-                out.write_all(bytemuck::cast_slice(&directional.tracer.fronts.of))?;
-                out.write_all(bytemuck::cast_slice(&sight.sharing.row_of))?;
-                out.write_all(bytemuck::cast_slice(&sight.sharing.leaders))?;
-                out.write_all(bytemuck::cast_slice(&sight.open))?;
-                out.write_all(bytemuck::cast_slice(&sight.starts))?;
-                out.write_all(bytemuck::cast_slice(&sight.hits))
+                let directional_visibility = &directional.directional_visibility;
+                out.write_all(bytemuck::cast_slice(&directional.tracer.outward_sides.of))?;
+                out.write_all(bytemuck::cast_slice(
+                    &directional_visibility.visibility_clusters.row_of,
+                ))?;
+                out.write_all(bytemuck::cast_slice(
+                    &directional_visibility.visibility_clusters.leaders,
+                ))?;
+                out.write_all(bytemuck::cast_slice(&directional_visibility.open))?;
+                out.write_all(bytemuck::cast_slice(&directional_visibility.starts))?;
+                out.write_all(bytemuck::cast_slice(&directional_visibility.hits))
             }
             Bake::Scene(_) => Ok(()),
         }
@@ -240,24 +244,29 @@ pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Bake> {
         }
         Method::Directional => {
             let found = found_in(&bytes, cloud.len(), header.rows as usize);
-            let (fronts, sharing, found) =
+            let (outward_sides, visibility_clusters, found) =
                 found.ok_or_else(|| Error::invalid(path, "the bake is broken"))?;
-            let tracer = Arc::new(Tracer::new(cloud, fronts));
-            let directional = DirectionalBake::of(cloud, &tracer, &Arc::new(sharing), &found);
+            let tracer = Arc::new(Tracer::new(cloud, outward_sides));
+            let directional =
+                DirectionalBake::of(cloud, &tracer, &Arc::new(visibility_clusters), &found);
             Ok(Bake::Directional(Arc::new(directional)))
         }
     }
 }
 
 /// The fronts of `n` surfels, which of them share, and what the rays of each row found; none if the numbers do not belong together.
-fn found_in(bytes: &[u8], n: usize, rows: usize) -> Option<(Fronts, Sharing, Vec<Found>)> {
-    let (fronts, rest) = bytes.split_at_checked(size_of::<Front>() * n)?;
-    let fronts = Fronts {
-        of: read_all(fronts)?,
+fn found_in(
+    bytes: &[u8],
+    n: usize,
+    rows: usize,
+) -> Option<(OutwardSides, VisibilityClusters, Vec<Found>)> {
+    let (outward_sides, rest) = bytes.split_at_checked(size_of::<OutwardSide>() * n)?;
+    let outward_sides = OutwardSides {
+        of: read_all(outward_sides)?,
     };
     let (row_of, rest) = rest.split_at_checked(4 * n)?;
     let (leaders, rest) = rest.split_at_checked(4 * rows)?;
-    let sharing = Sharing::of_rows(read_all(row_of)?, read_all(leaders)?)?;
+    let visibility_clusters = VisibilityClusters::of_rows(read_all(row_of)?, read_all(leaders)?)?;
     let (open, rest) = rest.split_at_checked(8 * WORDS * rows)?;
     let (starts, hits) = rest.split_at_checked(4 * (rows + 1))?;
     let (open, starts): (Vec<[u64; WORDS]>, Vec<u32>) = (read_all(open)?, read_all(starts)?);
@@ -267,18 +276,18 @@ fn found_in(bytes: &[u8], n: usize, rows: usize) -> Option<(Fronts, Sharing, Vec
     if !whole || hits.iter().any(|h| h.surfel() >= n) {
         return None;
     }
-    let found: Option<Vec<Found>> = (sharing.leaders.iter().zip(open))
+    let found: Option<Vec<Found>> = (visibility_clusters.leaders.iter().zip(open))
         .zip(starts.windows(2))
         .map(|((surfel, open), range)| {
             let hits = hits.get(range[0] as usize..range[1] as usize)?.to_vec();
-            (hits.len() <= PATCHES).then_some(Found {
+            (hits.len() <= STRATA).then_some(Found {
                 open,
                 hits,
                 ..Found::of(*surfel)
             })
         })
         .collect();
-    Some((fronts, sharing, found?))
+    Some((outward_sides, visibility_clusters, found?))
 }
 
 fn read_all<T: Pod>(bytes: &[u8]) -> Option<Vec<T>> {
@@ -299,7 +308,7 @@ mod tests {
         let visibility = bake(&cloud, 32, &no_progress);
         let directional = DirectionalBake::bake(&cloud, &no_progress);
         let shared = DirectionalBake::shared(&cloud, 8);
-        assert!(shared.sight.open.len() < cloud.len());
+        assert!(shared.directional_visibility.open.len() < cloud.len());
         let bakes = [
             Bake::Directional(Arc::new(shared)),
             Bake::Harmonic(visibility.expect("a bake").into()),
@@ -315,12 +324,23 @@ mod tests {
                 (Bake::Harmonic(a), Bake::Harmonic(b)) => assert_eq!(a.open, b.open),
                 (Bake::Directional(a), Bake::Directional(b)) => {
                     assert_eq!(
-                        (&a.sight.sharing, &a.sight.open, &a.sight.starts),
-                        (&b.sight.sharing, &b.sight.open, &b.sight.starts)
+                        (
+                            &a.directional_visibility.visibility_clusters,
+                            &a.directional_visibility.open,
+                            &a.directional_visibility.starts
+                        ),
+                        (
+                            &b.directional_visibility.visibility_clusters,
+                            &b.directional_visibility.open,
+                            &b.directional_visibility.starts
+                        )
                     );
-                    assert_eq!((&a.sight.hits, &a.two_sided), (&b.sight.hits, &b.two_sided));
-                    assert_eq!(a.tracer.fronts, b.tracer.fronts);
-                    assert_eq!(a.prominence, b.prominence);
+                    assert_eq!(
+                        (&a.directional_visibility.hits, &a.two_sided),
+                        (&b.directional_visibility.hits, &b.two_sided)
+                    );
+                    assert_eq!(a.tracer.outward_sides, b.tracer.outward_sides);
+                    assert_eq!(a.visible_weight, b.visible_weight);
                 }
                 _ => panic!("of another kind"),
             }

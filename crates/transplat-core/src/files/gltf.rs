@@ -13,7 +13,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::packed::{Fields, dc_of_color, logit};
-use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count, origin_near, rearranged};
+use super::rows::{Builder, Finished, SplatKind, StoredRow, check_count, origin_near, rearranged};
 use super::write::folder_of;
 use super::{decode, read, spz};
 use crate::color::{Encoding, STORED_OFFSET};
@@ -386,7 +386,7 @@ fn together(mut parts: Vec<(Finished, DAffine3)>) -> Option<Finished> {
     };
     let mut surfel_of_row = Vec::with_capacity(cloud.len());
     let mut report = parts[0].0.1.clone();
-    report.left_out.clear();
+    report.skipped_work.clear();
     for ((part, told, rows), _) in &parts {
         let (first_row, first) = (surfel_of_row.len(), surfel_of_row.len() as u32);
         debug_assert_eq!(part.len(), rows.len());
@@ -397,8 +397,8 @@ fn together(mut parts: Vec<(Finished, DAffine3)>) -> Option<Finished> {
         let others: Vec<String> = others.cloned().collect();
         report.warnings.extend(others);
         report
-            .left_out
-            .extend(told.left_out.iter().map(|row| first_row + row));
+            .skipped_work
+            .extend(told.skipped_work.iter().map(|row| first_row + row));
         surfel_of_row.extend(rows.iter().map(|surfel| first + surfel));
     }
     report.vertices = cloud.len();
@@ -470,7 +470,7 @@ fn read_attributes(
     }
     // Before it was ratified they were logarithms, some of which are below 0 in any scene.
     let are_logs = (0..n).any(|i| scales.get::<3>(i).iter().any(|s| *s < 0.0));
-    let mut rows = Builder::new(AssetKind::Gaussians3d, degree, n)?;
+    let mut rows = Builder::new(SplatKind::Gaussians3d, degree, n)?;
     rows.push_rows(n, |i, _, out| {
         for (f, column) in out.iter_mut().zip(&sh) {
             *f = column.get(i);

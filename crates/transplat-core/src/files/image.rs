@@ -8,10 +8,10 @@ mod primaries;
 use std::path::Path;
 
 use super::kind::{FileKind, UNKNOWN, file_kind};
+use crate::backplate::Backplate;
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 use crate::images::{Image, ImageReading};
-use crate::plate::Plate;
 use crate::rasterize::Raster;
 
 /// Loads an image: Radiance, OpenEXR, PNG or JPEG, in linear Rec. 709. Of an OpenEXR file with several layers or parts that one which is
@@ -78,8 +78,8 @@ pub fn load_picture(path: &Path) -> Result<Raster> {
 ///
 /// # Errors
 /// As [`load_image`].
-pub fn load_plate(path: &Path) -> Result<Plate> {
-    load_image(path, None).map(Plate::of)
+pub fn load_backplate(path: &Path) -> Result<Backplate> {
+    load_image(path, None).map(Backplate::of)
 }
 
 /// Loads an environment: an image that is a panorama, or laid out as its file or its shape tells.

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::packed::{Fields, dc_of_color, logit};
 use super::read::read_exactly;
-use super::rows::{AssetKind, Builder, Finished, StoredRow};
+use super::rows::{Builder, Finished, SplatKind, StoredRow};
 use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
 
@@ -145,7 +145,7 @@ fn read_sections(
         ));
     }
     let degree = parsed.iter().map(|(s, _)| s.degree).max().unwrap_or(0);
-    let mut rows = Builder::new(AssetKind::Gaussians3d, degree, total)?;
+    let mut rows = Builder::new(SplatKind::Gaussians3d, degree, total)?;
     for (mut section, [partial, buckets]) in parsed {
         let read = read_exactly(reader, 4 * partial as u64).map_err(broken)?;
         section.partial = read.chunks_exact(4).map(|b| Fields(b).u32()).collect();

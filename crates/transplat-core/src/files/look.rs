@@ -21,7 +21,7 @@ use crate::scene::{
     is_file,
 };
 use crate::settings::{Method, TransferSettings};
-use crate::surfels::{Hide, UpAxis};
+use crate::surfels::{SurfelFilter, UpAxis};
 
 /// The version of looks that this program writes; it reads all up to it.
 const LOOK_VERSION: u32 = 6;
@@ -60,7 +60,7 @@ struct Look {
     #[serde(skip_serializing_if = "Option::is_none")]
     source: Option<EnvironmentLight>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    hide: Option<Hide>,
+    hide: Option<SurfelFilter>,
     // Of the scene.
     directions: usize,
     target: EnvironmentLight,
@@ -148,7 +148,7 @@ impl Look {
         let of_one = one.clone().unwrap_or_default();
         let is_rolled = scene.camera.is_some_and(|c| c.roll != 0.0);
         let is_new = !is_one || is_rolled || scene.plate.is_some();
-        let has_plate = scene.background == Background::Plate;
+        let has_plate = scene.background == Background::Backplate;
         let keeps = !scene.bookmarks.is_empty() || !scene.variants.is_empty();
         let has_lens = scene.camera.is_some_and(|c| c.aperture != 0.0);
         let is_newest = keeps || has_lens || scene.lut.is_some() || !scene.note.is_empty();

@@ -11,7 +11,7 @@ use std::io::{BufRead, Seek, SeekFrom};
 use std::path::Path;
 
 use super::packed::{dc_of_color, logit};
-use super::rows::{AssetKind, Builder, Finished, StoredRow};
+use super::rows::{Builder, Finished, SplatKind, StoredRow};
 use crate::error::{Error, Result};
 use crate::sh::{MAX_DEGREE, coefficient_count};
 
@@ -333,10 +333,10 @@ impl Layout {
         Ok(layout)
     }
 
-    fn kind(&self) -> AssetKind {
+    fn kind(&self) -> SplatKind {
         match self.scales[..] {
-            [_, _] => AssetKind::Surfels2d,
-            _ => AssetKind::Gaussians3d,
+            [_, _] => SplatKind::Surfels2d,
+            _ => SplatKind::Gaussians3d,
         }
     }
 
@@ -390,7 +390,7 @@ impl Layout {
         if self.are_shares {
             row.logit = logit(row.logit);
         }
-        if let (Some(filter), AssetKind::Gaussians3d) = (self.filter, self.kind()) {
+        if let (Some(filter), SplatKind::Gaussians3d) = (self.filter, self.kind()) {
             row.widen(get(filter));
         }
         row

@@ -11,7 +11,7 @@ use crate::surfels::{Bounds, SurfelCloud, Thickness, UpAxis};
 
 /// Kind of splat in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AssetKind {
+pub enum SplatKind {
     /// 2D Gaussian surfels: two scales.
     Surfels2d,
     /// 3D Gaussians: three scales.
@@ -20,11 +20,11 @@ pub enum AssetKind {
 
 /// Report of loading.
 #[derive(Clone, Debug)]
-pub struct AssetReport {
+pub struct SplatReport {
     /// Name of the file's format and version.
     pub format: String,
     /// 2DGS or 3DGS.
-    pub kind: AssetKind,
+    pub kind: SplatKind,
     /// Vertices in the file.
     pub vertices: usize,
     /// Names of all properties of a PLY, in the file's order.
@@ -32,7 +32,7 @@ pub struct AssetReport {
     /// Comment lines of its header.
     pub comments: Vec<String>,
     /// Rows that hold something that is not a number or out of any range; they are kept in place and never drawn.
-    pub left_out: Vec<usize>,
+    pub skipped_work: Vec<usize>,
     /// 3DGS: median of shortest over second axis. 0 is flat; relighting needs well under 0.3.
     pub median_flatness: Option<f32>,
     /// Up axis, where the file has one.
@@ -115,12 +115,12 @@ impl StoredRow {
     /// None where it holds what is no number or out of any range.
     fn surfel(
         &self,
-        kind: AssetKind,
+        kind: SplatKind,
         is_antialiased: bool,
         origin: DVec3,
         sh: &[[f32; 3]],
     ) -> Option<Row> {
-        let axes = if kind == AssetKind::Surfels2d { 2 } else { 3 };
+        let axes = if kind == SplatKind::Surfels2d { 2 } else { 3 };
         let logs = &self.log_scales[..axes];
         let [w, x, y, z] = self.rotation;
         let length = (w * w + x * x + y * y + z * z).sqrt();
@@ -153,8 +153,8 @@ impl StoredRow {
             tangents: [axes[u], axes[v]],
             scale: Vec2::new(scales[u], scales[v]),
             thickness: match kind {
-                AssetKind::Surfels2d => Thickness::FLAT,
-                AssetKind::Gaussians3d => Thickness::of_gaussian(scales[shortest], is_antialiased),
+                SplatKind::Surfels2d => Thickness::FLAT,
+                SplatKind::Gaussians3d => Thickness::of_gaussian(scales[shortest], is_antialiased),
             },
             opacity: 1.0 / (1.0 + (-self.logit).exp()),
         })
@@ -172,11 +172,11 @@ const NOTHING: Row = Row {
 
 /// Fills a cloud block by block. All of it is allocated at once, zeroed by the system, so that its pages are first touched in parallel.
 pub(super) struct Builder {
-    kind: AssetKind,
+    kind: SplatKind,
     cloud: SurfelCloud,
     filled: usize,
     is_antialiased: bool,
-    left_out: Vec<usize>,
+    skipped_work: Vec<usize>,
     /// Quantum of positions; none where 32-bit floats determine it.
     position_step: Option<f64>,
     tally: Tally,
@@ -236,12 +236,12 @@ const GEOMETRY_BYTES: usize = 150;
 pub(super) const NOT_WRITTEN: u32 = u32::MAX;
 
 /// Surfels, so that neighbours follow each other; what was noticed; and which of them each row of the file is.
-pub(super) type Finished = (SurfelCloud, AssetReport, Vec<u32>);
+pub(super) type Finished = (SurfelCloud, SplatReport, Vec<u32>);
 
 impl Builder {
     /// # Errors
     /// The memory does not hold them.
-    pub(super) fn new(kind: AssetKind, sh_degree: usize, rows: usize) -> Result<Self, String> {
+    pub(super) fn new(kind: SplatKind, sh_degree: usize, rows: usize) -> Result<Self, String> {
         let k = coefficient_count(sh_degree);
         ensure_room(rows, GEOMETRY_BYTES + size_of::<[f32; 3]>() * k)?;
         let cloud = SurfelCloud {
@@ -262,7 +262,7 @@ impl Builder {
             cloud,
             filled: 0,
             is_antialiased: false,
-            left_out: Vec::new(),
+            skipped_work: Vec::new(),
             position_step: None,
             tally: Tally::NONE,
         })
@@ -304,7 +304,7 @@ impl Builder {
     ) {
         const PIECE: usize = 512;
         let (kind, k) = (self.kind, coefficient_count(self.cloud.sh_degree));
-        let axes = if kind == AssetKind::Surfels2d { 2 } else { 3 };
+        let axes = if kind == SplatKind::Surfels2d { 2 } else { 3 };
         let is_antialiased = self.is_antialiased;
         if self.filled == 0 {
             self.cloud.origin = self.origin_of(rows, &decode);
@@ -322,7 +322,7 @@ impl Builder {
             .enumerate()
             .map(
                 |(piece, (((((positions, tangents), scales), opacities), sh), thicknesses))| {
-                    let (mut left_out, mut memory) = (Vec::new(), Vec::new());
+                    let (mut skipped_work, mut memory) = (Vec::new(), Vec::new());
                     let mut tally = Tally::NONE;
                     for i in 0..positions.len() {
                         let row = piece * PIECE + i;
@@ -332,7 +332,7 @@ impl Builder {
                         let converted = stored.surfel(kind, is_antialiased, origin, sh);
                         let converted = converted.unwrap_or_else(|| {
                             sh.fill([0.0; 3]);
-                            left_out.push(block.start + row);
+                            skipped_work.push(block.start + row);
                             NOTHING
                         });
                         positions[i] = converted.position;
@@ -341,12 +341,12 @@ impl Builder {
                         opacities[i] = converted.opacity;
                         thicknesses[i] = converted.thickness;
                     }
-                    (left_out, tally)
+                    (skipped_work, tally)
                 },
             )
             .collect();
-        for (left_out, tally) in pieces {
-            self.left_out.extend(left_out);
+        for (skipped_work, tally) in pieces {
+            self.skipped_work.extend(skipped_work);
             self.tally = self.tally.with(&tally);
         }
         self.filled += rows;
@@ -384,26 +384,26 @@ impl Builder {
 
     /// The splat, of a format that is called like that, which says which way is up or does not.
     pub(super) fn finish(self, format: String, up: Option<UpAxis>) -> Result<Finished, String> {
-        let (kind, mut cloud, left_out) = (self.kind, self.cloud, self.left_out);
-        if left_out.len() as f64 > MAX_LEFT_OUT_SHARE * cloud.len() as f64 {
+        let (kind, mut cloud, skipped_work) = (self.kind, self.cloud, self.skipped_work);
+        if skipped_work.len() as f64 > MAX_LEFT_OUT_SHARE * cloud.len() as f64 {
             return Err(format!(
                 "{} of {} vertices hold values that are no numbers or out of any range (the first is vertex {}): not a usable splat",
-                left_out.len(),
+                skipped_work.len(),
                 cloud.len(),
-                left_out[0]
+                skipped_work[0]
             ));
         }
         let median_flatness = median_flatness(&cloud);
         let warnings = coarse_warning(&cloud, self.position_step)
             .into_iter()
             .collect();
-        let report = AssetReport {
+        let report = SplatReport {
             kind,
             vertices: cloud.len(),
             format,
             properties: Vec::new(),
             comments: Vec::new(),
-            left_out,
+            skipped_work,
             median_flatness,
             up,
             warnings,

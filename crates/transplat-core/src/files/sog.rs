@@ -15,7 +15,7 @@ use serde::Deserialize;
 use super::decode::{self, Archive};
 use super::packed::{component, logit, share, with_largest};
 use super::read::{self, Input, ZIP};
-use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count};
+use super::rows::{Builder, Finished, SplatKind, StoredRow, check_count};
 use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
 
@@ -235,8 +235,8 @@ fn read_source(path: &Path, source: &mut Source) -> std::result::Result<Finished
         _ => std::array::from_fn(|i| logit(share(i as u32, 8))),
     };
     let kind = match meta.model.as_deref() {
-        Some("2dgs") => AssetKind::Surfels2d,
-        _ => AssetKind::Gaussians3d,
+        Some("2dgs") => SplatKind::Surfels2d,
+        _ => SplatKind::Gaussians3d,
     };
     let degree = palette.as_ref().map_or(0, |p| p.degree);
     let mut rows = Builder::new(kind, degree, count as usize)?;

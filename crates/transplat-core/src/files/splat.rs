@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 use super::packed::{Fields, color_of_dc, dc_of_color, logit};
-use super::rows::{AssetKind, Builder, Finished, StoredRow};
+use super::rows::{Builder, Finished, SplatKind, StoredRow};
 use super::written::Written;
 use crate::error::{Error, Result};
 
@@ -38,7 +38,7 @@ pub(super) fn begins_as_one(start: &[u8], file_bytes: Option<u64>) -> bool {
 pub(super) fn read(path: &Path, reader: &mut impl Read, file_bytes: u64) -> Result<Finished> {
     let mut left = (file_bytes / ROW as u64) as usize;
     let mut rows =
-        Builder::new(AssetKind::Gaussians3d, 0, left).map_err(|m| Error::invalid(path, m))?;
+        Builder::new(SplatKind::Gaussians3d, 0, left).map_err(|m| Error::invalid(path, m))?;
     let mut block = vec![0; BLOCK_ROWS.min(left) * ROW];
     while left > 0 {
         let count = left.min(BLOCK_ROWS);

@@ -11,7 +11,7 @@ use flate2::write::GzEncoder;
 use super::decode;
 use super::packed::{Fields, logit, with_largest, without_largest};
 use super::read::{SPZ as MAGIC, read_exactly};
-use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count};
+use super::rows::{Builder, Finished, SplatKind, StoredRow, check_count};
 use super::written::Written;
 use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
@@ -121,7 +121,7 @@ pub(super) fn read(
         let size = header.sizes()[i];
         Fields(&body[starts[i] + point * size..][..size])
     };
-    let mut rows = Builder::new(AssetKind::Gaussians3d, header.degree, n).map_err(invalid)?;
+    let mut rows = Builder::new(SplatKind::Gaussians3d, header.degree, n).map_err(invalid)?;
     if header.has(IS_ANTIALIASED) {
         rows.set_antialiased();
     }

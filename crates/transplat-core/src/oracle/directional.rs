@@ -10,9 +10,9 @@ use glam::DVec3;
 use super::pooling::{pooled, smoothstep};
 use super::rays::first_hit;
 use crate::bake::directional::DirectionalBake;
-use crate::bake::patches::{DIRECTIONS, PATCHES, PER_PATCH, directions};
+use crate::bake::strata::{DIRECTIONS, PER_STRATUM, STRATA, directions};
 use crate::color::Encoding;
-use crate::environment::Beams;
+use crate::environment::LightSamples;
 use crate::sh::{MAX_COEFFICIENTS, coefficient_count, evaluate_basis, gauss_legendre};
 use crate::surfels::SurfelCloud;
 use crate::transfer::directional::{
@@ -36,7 +36,7 @@ pub struct OracleDirectional<'a> {
     means: Vec<FrontAndBack>,
     divisor: Vec<FrontAndBack>,
     light_gain: f64,
-    gloss: Vec<Gloss>,
+    specular_lobe: Vec<SpecularLobe>,
     source: OracleLight,
     trust: f64,
 }
@@ -53,10 +53,10 @@ struct OracleLight {
 }
 
 #[derive(Clone, Copy)]
-struct Gloss {
+struct SpecularLobe {
     reflectance: Rgb,
     exponent: f64,
-    rises: bool,
+    has_fresnel: bool,
 }
 
 fn rgb(f: impl Fn(usize) -> f64) -> Rgb {
@@ -68,7 +68,7 @@ impl<'a> OracleDirectional<'a> {
     pub fn new(
         cloud: &'a SurfelCloud,
         bake: &'a DirectionalBake,
-        source: &Beams,
+        source: &LightSamples,
         epsilon: f32,
     ) -> Self {
         let mut nodes = Vec::new();
@@ -100,7 +100,7 @@ impl<'a> OracleDirectional<'a> {
             divisor: Vec::new(),
             // Four times the mean over the sphere of a clamped cosine is 1.
             light_gain: 12.0 / total,
-            gloss: Vec::new(),
+            specular_lobe: Vec::new(),
             source: OracleLight::default(),
             trust: 1.0,
         };
@@ -111,7 +111,7 @@ impl<'a> OracleDirectional<'a> {
         oracle.divisor = (0..cloud.len())
             .map(|i| oracle.gathered(i, &oracle.source, &oracle.means))
             .collect();
-        oracle.gloss = oracle.find_gloss();
+        oracle.specular_lobe = oracle.fit_lobes();
         oracle
     }
 
@@ -182,9 +182,9 @@ impl<'a> OracleDirectional<'a> {
         })
     }
 
-    fn light(&self, beams: &Beams) -> OracleLight {
+    fn light(&self, light_samples: &LightSamples) -> OracleLight {
         let mut sums = vec![(DVec3::ZERO, [0f64; 3]); DIRECTIONS];
-        for cell in &beams.cells {
+        for cell in &light_samples.cells {
             let d = cell.direction.as_dvec3();
             let nearest = (0..DIRECTIONS)
                 .max_by(|a, b| {
@@ -202,7 +202,7 @@ impl<'a> OracleDirectional<'a> {
             .zip(&self.directions)
             .map(|((toward, e), d)| (toward.normalize_or(*d), e))
             .collect();
-        let suns = beams
+        let suns = light_samples
             .suns
             .iter()
             .map(|sun| {
@@ -235,7 +235,7 @@ impl<'a> OracleDirectional<'a> {
                         e = rgb(|c| e[c] + cosine * energy[c]);
                     };
                     for (j, (d, energy)) in light.sky.iter().enumerate() {
-                        if self.bake.sight.is_open(i, j) {
+                        if self.bake.directional_visibility.is_open(i, j) {
                             add(*d, energy);
                         }
                     }
@@ -255,11 +255,11 @@ impl<'a> OracleDirectional<'a> {
     /// All irradiance, with what bounces.
     fn gathered(&self, i: usize, light: &OracleLight, radiance: &[FrontAndBack]) -> FrontAndBack {
         let mut e = light.irradiance[i];
-        for hit in self.bake.sight.hits_of(i) {
-            let cosine = self.n(i).dot(self.directions[hit.patch()]);
+        for hit in self.bake.directional_visibility.hits_of(i) {
+            let cosine = self.n(i).dot(self.directions[hit.stratum()]);
             let b = radiance[hit.surfel()][usize::from(hit.is_back())];
             let side = &mut e[usize::from(cosine < 0.0)];
-            *side = rgb(|c| side[c] + 4.0 * PI / PATCHES as f64 * cosine.abs() * b[c]);
+            *side = rgb(|c| side[c] + 4.0 * PI / STRATA as f64 * cosine.abs() * b[c]);
         }
         e
     }
@@ -267,8 +267,8 @@ impl<'a> OracleDirectional<'a> {
     /// Oracle with a low-confidence source. See [`crate::environment::Illumination::trust`].
     pub fn trusting(mut self, trust: f32) -> Self {
         self.trust = f64::from(trust);
-        for gloss in self.gloss.iter_mut().filter(|_| trust < 1.0) {
-            gloss.reflectance = [0.0; 3];
+        for specular_lobe in self.specular_lobe.iter_mut().filter(|_| trust < 1.0) {
+            specular_lobe.reflectance = [0.0; 3];
         }
         self
     }
@@ -301,17 +301,22 @@ impl<'a> OracleDirectional<'a> {
         let n = self.n(i);
         let share = 4.0 * PI / DIRECTIONS as f64;
         let mut rays = Vec::new();
-        for p in 0..PATCHES {
-            let hit = self.bake.sight.hits_of(i).iter().find(|h| h.patch() == p);
+        for p in 0..STRATA {
+            let hit = self
+                .bake
+                .directional_visibility
+                .hits_of(i)
+                .iter()
+                .find(|h| h.stratum() == p);
             let met = hit.map_or(radiance[i][0], |h| {
                 radiance[h.surfel()][usize::from(h.is_back())]
             });
             let (mut toward, mut energy) = (DVec3::ZERO, [0f64; 3]);
-            for j in (0..PER_PATCH).map(|place| place * PATCHES + p) {
+            for j in (0..PER_STRATUM).map(|place| place * STRATA + p) {
                 if n.dot(self.directions[j]) <= 0.0 {
                     continue;
                 }
-                let (d, e) = if self.bake.sight.is_open(i, j) {
+                let (d, e) = if self.bake.directional_visibility.is_open(i, j) {
                     light.sky[j]
                 } else {
                     (self.directions[j], met.map(|b| share * b))
@@ -406,10 +411,10 @@ impl<'a> OracleDirectional<'a> {
     /// The surfels around one and itself, each with how much it makes up of what is seen of them; alike where nothing is.
     fn around(&self, i: usize) -> Vec<(usize, f64)> {
         let around = self.neighbors(i);
-        let prominence = |j: &usize| f64::from(self.bake.prominence[*j]);
-        let all: f64 = around.iter().map(prominence).sum();
+        let visible_weight = |j: &usize| f64::from(self.bake.visible_weight[*j]);
+        let all: f64 = around.iter().map(visible_weight).sum();
         let share = |j: &usize| match all > 0.0 {
-            true => prominence(j) / all,
+            true => visible_weight(j) / all,
             false => 1.0 / around.len() as f64,
         };
         around.iter().map(|j| (*j, share(j))).collect()
@@ -437,14 +442,14 @@ impl<'a> OracleDirectional<'a> {
         others
     }
 
-    fn find_gloss(&self) -> Vec<Gloss> {
+    fn fit_lobes(&self) -> Vec<SpecularLobe> {
         let n = self.cloud.len();
         let around: Vec<Vec<(usize, f64)>> = (0..n).map(|i| self.around(i)).collect();
         let white = {
             let sum = |of: &[FrontAndBack], i: usize| of[i][0].iter().sum::<f64>();
             let light = (0..n).map(|i| [PI * sum(&self.means, i), sum(&self.divisor, i)]);
             let light = pooled(&around, &light.collect::<Vec<_>>());
-            let mut all: Vec<(f64, f64)> = (light.iter().zip(&self.bake.prominence))
+            let mut all: Vec<(f64, f64)> = (light.iter().zip(&self.bake.visible_weight))
                 .map(|([exitance, irradiance], p)| (exitance / irradiance, f64::from(*p)))
                 .collect();
             all.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -464,9 +469,11 @@ impl<'a> OracleDirectional<'a> {
                     .iter()
                     .map(|width| {
                         let plain = self.mirrored(i, &rays, f64::from(1u32 << width));
-                        [false, true].map(|rises| {
+                        [false, true].map(|has_fresnel| {
                             let lit: Vec<Rgb> = (0..plain.len())
-                                .map(|s| plain[s].map(|v| if rises { self.rise(s) * v } else { v }))
+                                .map(|s| {
+                                    plain[s].map(|v| if has_fresnel { self.rise(s) * v } else { v })
+                                })
                                 .collect();
                             let seen = self.at_nodes(i, &self.fit(i, &lit));
                             self.moments(&seen, &colors, self.means[i][0])
@@ -508,22 +515,22 @@ impl<'a> OracleDirectional<'a> {
                 let metallic = smoothstep(low, high, mirrored / (white * light).max(1e-9));
                 let most = f64::from(MOST_REFLECTANCE) * white;
                 if metallic == 0.0 {
-                    return Gloss {
+                    return SpecularLobe {
                         reflectance: believed(i, 1).map(|k| k.min(most)),
                         exponent: f64::from(1u32 << WIDTHS[regressed[i][1].1]),
-                        rises: true,
+                        has_fresnel: true,
                     };
                 }
                 let width = ((width / weight.max(1e-9)).round() as usize).min(WIDTHS.len() - 1);
                 let k = believed(i, 0);
-                Gloss {
+                SpecularLobe {
                     reflectance: rgb(|c| {
                         let m = moments[i][width][0][0][c].max(1e-6);
                         let whole = f64::from(MOST_GLOSS) * self.means[i][0][c] / m;
                         (k[c] + (whole - k[c]) * metallic).clamp(0.0, most)
                     }),
                     exponent: f64::from(1u32 << WIDTHS[width]),
-                    rises: false,
+                    has_fresnel: false,
                 }
             })
             .collect()
@@ -592,13 +599,19 @@ impl<'a> OracleDirectional<'a> {
     }
 
     /// Mirrored light with its reflectance, towards each node.
-    fn glossy(&self, i: usize, light: &OracleLight, radiance: &[FrontAndBack]) -> Vec<Rgb> {
-        let gloss = self.gloss[i];
+    fn specular(&self, i: usize, light: &OracleLight, radiance: &[FrontAndBack]) -> Vec<Rgb> {
+        let specular_lobe = self.specular_lobe[i];
         let rays = self.rays(i, light, radiance);
-        let mirrored = self.mirrored(i, &rays, gloss.exponent);
-        let rise = |s: usize| if gloss.rises { self.rise(s) } else { 1.0 };
+        let mirrored = self.mirrored(i, &rays, specular_lobe.exponent);
+        let rise = |s: usize| {
+            if specular_lobe.has_fresnel {
+                self.rise(s)
+            } else {
+                1.0
+            }
+        };
         (0..mirrored.len())
-            .map(|s| rgb(|c| rise(s) * gloss.reflectance[c] * mirrored[s][c]))
+            .map(|s| rgb(|c| rise(s) * specular_lobe.reflectance[c] * mirrored[s][c]))
             .collect()
     }
 
@@ -607,18 +620,18 @@ impl<'a> OracleDirectional<'a> {
     pub fn condition(&self, i: usize) -> f64 {
         let n = self.n(i);
         let sky = self.source.sky.iter().enumerate();
-        let sky = sky.map(|(j, (d, e))| (*d, *e, self.bake.sight.is_open(i, j)));
+        let sky = sky.map(|(j, (d, e))| (*d, *e, self.bake.directional_visibility.is_open(i, j)));
         let suns = self.source.suns.iter();
         let suns = suns.map(|(d, e, open)| (*d, *e, open[i]));
-        let beams: Vec<(DVec3, Rgb, bool)> = sky.chain(suns).collect();
-        let cosines = beams.iter().map(|(d, _, open)| {
+        let light_samples: Vec<(DVec3, Rgb, bool)> = sky.chain(suns).collect();
+        let cosines = light_samples.iter().map(|(d, _, open)| {
             let cosine = if *open { n.dot(*d).max(0.0) } else { 0.0 };
             cosine * cosine
         });
         let cosines = cosines.sum::<f64>().sqrt();
         (0..3)
             .map(|c| {
-                let light: f64 = beams.iter().map(|(_, e, _)| e[c] * e[c]).sum();
+                let light: f64 = light_samples.iter().map(|(_, e, _)| e[c] * e[c]).sum();
                 cosines * light.sqrt() / self.divisor[i][0][c].max(1e-300)
             })
             .fold(0.0, f64::max)

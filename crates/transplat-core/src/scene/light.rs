@@ -202,8 +202,10 @@ impl EnvironmentLight {
         map: &'a EnvironmentMap,
         light: &Illumination,
     ) -> Cow<'a, EnvironmentMap> {
-        match &light.beams {
-            Some(beams) if self.without_suns => Cow::Owned(map.clone().without_suns(&beams.suns)),
+        match &light.light_samples {
+            Some(light_samples) if self.without_suns => {
+                Cow::Owned(map.clone().without_suns(&light_samples.suns))
+            }
             _ => Cow::Borrowed(map),
         }
     }

@@ -9,7 +9,7 @@ use super::cut::{Cut, FARTHEST, MOST_CUTS};
 use super::light::EnvironmentLight;
 use crate::color::Encoding;
 use crate::error::{Result, ensure};
-use crate::surfels::{Hide, SurfelCloud, UpAxis};
+use crate::surfels::{SurfelCloud, SurfelFilter, UpAxis};
 
 /// The most objects of a scene.
 pub const MOST_OBJECTS: usize = 256;
@@ -50,7 +50,7 @@ pub struct Object {
     /// The light that it was captured under.
     pub source: EnvironmentLight,
     /// Filters of surfels that are not drawn.
-    pub hide: Hide,
+    pub hide: SurfelFilter,
 }
 
 impl Default for Object {
@@ -67,7 +67,7 @@ impl Default for Object {
             outside_from: Vec::new(),
             transform: Transform::default(),
             source: EnvironmentLight::default(),
-            hide: Hide::default(),
+            hide: SurfelFilter::default(),
         }
     }
 }

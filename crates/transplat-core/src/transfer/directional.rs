@@ -1,24 +1,24 @@
 //! The directional method: sums over directions instead of products of SH series, and what the asset's own colour under the source light
 //! tells of it. `docs/method.md` derives it.
 //!
-//! Once for an asset: [`DirectionalAsset`]. Once for asset and source light: [`DirectionalTransfer`]. A new light is then sums over light.
+//! Once for an asset: [`DirectionalCache`]. Once for asset and source light: [`DirectionalTransfer`]. A new light is then sums over light.
 
 mod asset;
 mod coarse;
-mod gloss;
-mod glow;
+mod diffuse;
+mod diffuse_colors;
+mod emission;
 mod incident;
+mod light_visibility;
 mod lobe;
 mod materials;
-mod matte;
-mod matte_colors;
-mod met;
 mod moments;
 mod near;
 mod neighbors;
 mod nodes;
 mod rays;
 mod relight;
+mod specular_lobe;
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -29,33 +29,33 @@ use super::materials::WHITEST;
 use super::relit::Part;
 use crate::bake::directional::DirectionalBake;
 use crate::color_rows::{ColorRows, RowMut, rows_of};
-use crate::environment::{Beams, Illumination, IncidentRadiance};
+use crate::environment::{Illumination, IncidentRadiance, LightSamples};
 use crate::error::Result;
 use crate::numeric::weighted_quantile;
 use crate::progress::{Progress, no_progress, tell};
-use crate::settings::skips::Skip;
+use crate::settings::optimizations::Optimization;
 use crate::settings::{Terms, TransferSettings};
 use crate::sh::coefficient_count;
 
 pub(crate) use asset::mean_radiance;
-pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Radiance};
-pub use gloss::Gloss;
-pub(crate) use gloss::{
-    METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
-};
-use gloss::{find_gloss, pooled};
-use glow::find_glow;
+pub use asset::{DirectionalCache, DirectionalLight, FrontAndBack, Radiance};
+pub use diffuse::{BACK_RANGE, HORIZON, RESIDUAL_FLOOR};
+use diffuse::{BackLanes, DiffuseSurfels, residual_scale, share_of_back, within_range};
+use diffuse_colors::DiffuseColors;
+use emission::find_emission;
 pub(super) use incident::{Incident, Others};
 pub use lobe::WIDTHS;
 use lobe::mirrored;
-pub use matte::{BACK_RANGE, HORIZON, RESIDUAL_FLOOR};
-use matte::{BackLanes, Matte, residual_scale, share_of_back, within_range};
-use matte_colors::MatteColors;
 pub(crate) use neighbors::NEIGHBORS;
-pub use nodes::Nodes;
+pub use nodes::QuadratureNodes;
 use nodes::SurfelFrame;
 pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
 use rays::Rays;
+pub use specular_lobe::SpecularLobe;
+pub(crate) use specular_lobe::{
+    METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
+};
+use specular_lobe::{fit_lobes, pooled};
 
 /// Turns of the fixed point by which light bounces.
 pub const TURNS: usize = 3;
@@ -70,7 +70,7 @@ const LEAST_CHANNEL: f32 = 0.05;
 #[derive(Clone, Debug)]
 pub struct DirectionalTransfer {
     /// Splat that is relit.
-    pub asset: Arc<DirectionalAsset>,
+    pub asset: Arc<DirectionalCache>,
     /// How.
     pub settings: TransferSettings,
     /// Factor of target lights: 1 over the source's mean irradiance.
@@ -79,8 +79,8 @@ pub struct DirectionalTransfer {
     pub source_was_black: bool,
     /// Power to which a change of matte light is taken: [`Illumination::trust`] of the source. What it mirrored is not asked below 1.
     pub trust: f32,
-    /// [`Illumination::told_gain`] of the source.
-    told_gain: [f32; 3],
+    /// [`Illumination::user_gain`] of the source.
+    user_gain: [f32; 3],
     /// Mean irradiance of the source, as [`DirectionalLight::mean`] and so multiplied.
     mean: [f32; 3],
     /// Epsilon's part of the divisor.
@@ -88,17 +88,17 @@ pub struct DirectionalTransfer {
     /// Share of each light's mean that a channel gets because the source hardly has it.
     fill: [f32; 3],
     /// Specular lobe of each surfel. `[n]`
-    pub gloss: Vec<Gloss>,
+    pub specular_lobe: Vec<SpecularLobe>,
     /// Share of emission in each surfel's diffuse colour, which no light changes; empty where none is. `[n]`
-    glow: Vec<f32>,
+    emission_share: Vec<f32>,
     /// Number of surfels with any specular lobe.
-    pub glossy_surfels: usize,
+    pub specular_surfels: usize,
     /// Number of surfels whose lobe is so faint that they are taken for diffuse.
-    faintly_glossy: usize,
+    faintly_specular: usize,
     /// Irradiance, bounced light and epsilon under the source. `[n]`
     pub divisor: Vec<FrontAndBack>,
-    /// Colour at the nodes that gloss does not explain: [`DirectionalTransfer::matte_of`].
-    matte: MatteColors,
+    /// Colour at the nodes that gloss does not explain: [`DirectionalTransfer::diffuse_of`].
+    diffuse: DiffuseColors,
     /// The least of it in each channel. `[n]`
     darkest: Vec<[f32; 3]>,
     /// Stored colour that the model of the source misses. `[n][K]`
@@ -108,44 +108,44 @@ pub struct DirectionalTransfer {
 }
 
 /// The asset's whitest albedo as it appears: exitance over irradiance, the mean of the channels, around each surfel.
-fn whitest(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
-    let prominence = &asset.bake.prominence;
+fn whitest(asset: &DirectionalCache, divisor: &[FrontAndBack]) -> f32 {
+    let visible_weight = &asset.bake.visible_weight;
     let each = asset.means.iter().zip(divisor);
     let light: Vec<[f32; 2]> = each
         .map(|([m, _], [d, _])| [std::f32::consts::PI * m.iter().sum::<f32>(), d.iter().sum()])
         .collect();
-    let albedos = pooled(&light, &asset.neighbors, prominence)
+    let albedos = pooled(&light, &asset.neighbors, visible_weight)
         .into_iter()
         .map(|[exitance, irradiance]| f64::from(exitance / irradiance))
-        .zip(prominence.iter().map(|p| f64::from(*p)))
+        .zip(visible_weight.iter().map(|p| f64::from(*p)))
         .filter(|(albedo, _)| albedo.is_finite())
         .collect();
     weighted_quantile(albedos, f64::from(WHITEST)).map_or(1.0, |a| a.max(1e-12) as f32)
 }
 
-impl DirectionalAsset {
-    /// Splits a surfel's colour: what gloss does not explain of that at the nodes goes into `matte`, `[Q]`, where that is kept, and what the model
+impl DirectionalCache {
+    /// Splits a surfel's colour: what gloss does not explain of that at the nodes goes into `diffuse`, `[Q]`, where that is kept, and what the model
     /// misses of the stored one into `residual`, `[K]`. Returns the model's mean encoded colour, and the darkest of the matte one.
     fn explain(
         &self,
         i: usize,
-        (gloss, light, radiance): (&Gloss, &Incident<'_>, &[Radiance]),
+        (specular_lobe, light, radiance): (&SpecularLobe, &Incident<'_>, &[Radiance]),
         scratch: &mut Scratch,
-        matte: Option<RowMut<'_>>,
+        diffuse: Option<RowMut<'_>>,
         residual: RowMut<'_>,
     ) -> [[f32; 3]; 2] {
         let nodes = &self.nodes;
         let mut colors = self.colors_of(i);
-        self.reflect(i, gloss, light, radiance, scratch);
-        if !scratch.glossy.is_empty() {
-            let seen = nodes.values(&nodes.refit, &scratch.glossy);
+        self.reflect(i, specular_lobe, light, radiance, scratch);
+        if !scratch.specular.is_empty() {
+            let seen = nodes.values(&nodes.refit, &scratch.specular);
             for (m, s) in colors.iter_mut().zip(&seen) {
                 *m = std::array::from_fn(|c| (m[c] - s[c]).max(0.0));
             }
         }
         // What is kept is what is used.
-        if let Some(matte) = matte {
-            matte.store(&mut colors);
+        if let Some(diffuse) = diffuse {
+            diffuse.store(&mut colors);
         }
         self.store(&colors, [1.0; 3], scratch);
         let mut shown = nodes.function(&nodes.fit, &scratch.stored);
@@ -160,17 +160,17 @@ impl DirectionalAsset {
         [self.encoded_mean(&scratch.stored), self.darkest(i, &colors)]
     }
 
-    /// Evaluates the specular lobe of surfel `i` towards each node, into `scratch.glossy`: `[Q]`, or empty where that is nothing.
+    /// Evaluates the specular lobe of surfel `i` towards each node, into `scratch.specular`: `[Q]`, or empty where that is nothing.
     fn reflect(
         &self,
         i: usize,
-        gloss: &Gloss,
+        specular_lobe: &SpecularLobe,
         light: &Incident<'_>,
         radiance: &[Radiance],
         scratch: &mut Scratch,
     ) {
-        scratch.glossy.clear();
-        if gloss.is_matte() && light.skips.has(Skip::Matte) {
+        scratch.specular.clear();
+        if specular_lobe.is_diffuse() && light.optimizations.has(Optimization::DiffuseSurfels) {
             return;
         }
         let q = self.nodes.count();
@@ -178,17 +178,21 @@ impl DirectionalAsset {
         scratch.values.resize(3 * q, 0.0);
         let frame = SurfelFrame::new(self.bake.normals[i]);
         let (rays, values) = (&scratch.rays, &mut scratch.values);
-        mirrored(&self.nodes, frame, gloss.width, rays, values);
-        scratch.glossy.extend((0..q).map(|s| {
-            let rise = if gloss.rises { self.nodes.rise[s] } else { 1.0 };
-            std::array::from_fn(|c| rise * gloss.reflectance[c] * values[c * q + s])
+        mirrored(&self.nodes, frame, specular_lobe.width, rays, values);
+        scratch.specular.extend((0..q).map(|s| {
+            let rise = if specular_lobe.has_fresnel {
+                self.nodes.rise[s]
+            } else {
+                1.0
+            };
+            std::array::from_fn(|c| rise * specular_lobe.reflectance[c] * values[c * q + s])
         }));
     }
 
     /// The least of surfel `i`'s colour at the nodes in each channel: of its matte one, `[Q]`, and where it has two sides of both as stored.
-    fn darkest(&self, i: usize, matte: &[[f32; 3]]) -> [f32; 3] {
+    fn darkest(&self, i: usize, diffuse: &[[f32; 3]]) -> [f32; 3] {
         if self.bake.two_sided[i] == 0.0 {
-            return darkest(matte);
+            return darkest(diffuse);
         }
         let nodes = &self.nodes;
         let k = coefficient_count(nodes.degree);
@@ -197,20 +201,20 @@ impl DirectionalAsset {
         let sides = [&nodes.evaluate, &nodes.evaluate_back].map(|e| darkest(&nodes.values(e, &f)));
         let stored = darkest(&sides).map(|v| self.encoding.decode(v));
         // What is clamped is not what is stored.
-        let least = darkest(&[darkest(matte), stored]);
+        let least = darkest(&[darkest(diffuse), stored]);
         least.map(|v| if v > 0.0 { v } else { f32::NAN })
     }
 
-    /// Stored colour of `matte * tau`, `[Q]`, and what is in `scratch.glossy`, into `scratch.stored`.
-    fn store(&self, matte: &[[f32; 3]], tau: [f32; 3], scratch: &mut Scratch) {
+    /// Stored colour of `diffuse * tau`, `[Q]`, and what is in `scratch.specular`, into `scratch.stored`.
+    fn store(&self, diffuse: &[[f32; 3]], tau: [f32; 3], scratch: &mut Scratch) {
         let out = &mut scratch.stored;
         out.clear();
         out.extend(
-            matte
+            diffuse
                 .iter()
                 .map(|m| [m[0] * tau[0], m[1] * tau[1], m[2] * tau[2]]),
         );
-        for (o, g) in out.iter_mut().zip(&scratch.glossy) {
+        for (o, g) in out.iter_mut().zip(&scratch.specular) {
             for c in 0..3 {
                 o[c] += g[c];
             }
@@ -237,7 +241,7 @@ impl DirectionalTransfer {
     /// # Errors
     /// The light was read without its beams.
     pub fn new(
-        asset: &Arc<DirectionalAsset>,
+        asset: &Arc<DirectionalCache>,
         source: &Illumination,
         settings: &TransferSettings,
     ) -> Result<Self> {
@@ -249,20 +253,20 @@ impl DirectionalTransfer {
     /// # Errors
     /// As [`DirectionalTransfer::new`], and [`crate::error::Error::Cancelled`] when `progress` asked for it.
     pub(super) fn prepared(
-        asset: &Arc<DirectionalAsset>,
+        asset: &Arc<DirectionalCache>,
         source: &Illumination,
         settings: &TransferSettings,
         progress: Progress<'_>,
     ) -> Result<Self> {
-        let (trust, told_gain) = (source.trust, source.told_gain);
+        let (trust, user_gain) = (source.trust, source.user_gain);
         let source = source.for_directional()?;
         let source_was_black = source.1.mean_irradiance() <= 0.0;
-        let even = (&IncidentRadiance::even(0), &Beams::even());
+        let even = (&IncidentRadiance::even(0), &LightSamples::even());
         let source = if source_was_black { even } else { source };
         let source = (source.0, source.1, &[][..]);
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
         let fill = fill_of(source.1);
-        let light = asset.light(source, (light_gain, told_gain), settings, fill);
+        let light = asset.light(source, (light_gain, user_gain), settings, fill);
         let light = asset.incident(light, settings, None);
         tell(progress, 0.25)?;
         let radiance = asset.captured_radiance();
@@ -275,32 +279,38 @@ impl DirectionalTransfer {
             .collect();
         tell(progress, 0.35)?;
         let white = whitest(asset, &divisor);
-        let (gloss, faintly_glossy) = if settings.terms.lobe && trust >= 1.0 {
-            let mut gloss = find_gloss(asset, (&light, &radiance), white);
-            let faint = if settings.skips.has(Skip::Matte) {
-                Gloss::take_unseen(&mut gloss, white)
+        let (specular_lobe, faintly_specular) = if settings.terms.lobe && trust >= 1.0 {
+            let mut specular_lobe = fit_lobes(asset, (&light, &radiance), white);
+            let faint = if settings.optimizations.has(Optimization::DiffuseSurfels) {
+                SpecularLobe::take_unseen(&mut specular_lobe, white)
             } else {
                 0
             };
-            (gloss, faint)
+            (specular_lobe, faint)
         } else {
-            (vec![Gloss::default(); asset.bake.len()], 0)
+            (vec![SpecularLobe::default(); asset.bake.len()], 0)
         };
         tell(progress, 0.7)?;
-        let glow = match settings.terms.glow {
-            true => find_glow(asset, &divisor, &gloss, (white, settings.glow_above, trust)),
+        let emission_share = match settings.terms.emission {
+            true => find_emission(
+                asset,
+                &divisor,
+                &specular_lobe,
+                (white, settings.glow_above, trust),
+            ),
             false => Vec::new(),
         };
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
         let n = asset.bake.len();
         let mut residual = ColorRows::new(n, k, n);
-        let mut matte = MatteColors::for_those(gloss.iter().map(|g| !g.is_matte()), q);
-        let (encoded_mean, darkest) = (matte.rows_mut().into_par_iter())
+        let mut diffuse =
+            DiffuseColors::for_those(specular_lobe.iter().map(|g| !g.is_diffuse()), q);
+        let (encoded_mean, darkest) = (diffuse.rows_mut().into_par_iter())
             .zip(residual.rows_mut().into_par_iter())
             .enumerate()
-            .map_init(Scratch::default, |scratch, (i, (matte, residual))| {
-                let shining = (&gloss[i], &light, &radiance[..]);
-                let [mean, darkest] = asset.explain(i, shining, scratch, matte, residual);
+            .map_init(Scratch::default, |scratch, (i, (diffuse, residual))| {
+                let shining = (&specular_lobe[i], &light, &radiance[..]);
+                let [mean, darkest] = asset.explain(i, shining, scratch, diffuse, residual);
                 (mean, darkest)
             })
             .unzip();
@@ -310,17 +320,17 @@ impl DirectionalTransfer {
             light_gain,
             source_was_black,
             trust,
-            told_gain,
+            user_gain,
             mean: light.mean,
             least: light.least,
             fill,
-            glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
-            faintly_glossy,
-            gloss,
-            glow,
+            specular_surfels: specular_lobe.iter().filter(|g| !g.is_diffuse()).count(),
+            faintly_specular,
+            specular_lobe,
+            emission_share,
             divisor,
             darkest,
-            matte,
+            diffuse,
             residual,
             encoded_mean,
         })
@@ -329,18 +339,18 @@ impl DirectionalTransfer {
     /// Transfer of some of its surfels without the others, given what they see then: their capture light is known from where they were captured,
     /// among the others.
     pub fn part(&self, bake: Arc<DirectionalBake>, surfels: &[usize]) -> Self {
-        let gloss = rows_of(&self.gloss, 1, surfels);
+        let specular_lobe = rows_of(&self.specular_lobe, 1, surfels);
         Self {
             asset: Arc::new(self.asset.part(bake, surfels)),
             settings: self.settings.clone(),
-            glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
-            gloss,
-            glow: match self.glow[..] {
+            specular_surfels: specular_lobe.iter().filter(|g| !g.is_diffuse()).count(),
+            specular_lobe,
+            emission_share: match self.emission_share[..] {
                 [] => Vec::new(),
-                _ => rows_of(&self.glow, 1, surfels),
+                _ => rows_of(&self.emission_share, 1, surfels),
             },
             divisor: rows_of(&self.divisor, 1, surfels),
-            matte: self.matte.selected(surfels),
+            diffuse: self.diffuse.selected(surfels),
             darkest: rows_of(&self.darkest, 1, surfels),
             residual: self.residual.selected(surfels),
             encoded_mean: rows_of(&self.encoded_mean, 1, surfels),
@@ -349,8 +359,8 @@ impl DirectionalTransfer {
     }
 
     /// Colour of surfel `i` at the nodes that gloss does not explain, `[Q]`; by way of `read`, which holds nothing else.
-    pub fn matte_of<'a>(&'a self, i: usize, read: &'a mut Vec<[f32; 3]>) -> Cow<'a, [[f32; 3]]> {
-        match self.matte.row(i, read) {
+    pub fn diffuse_of<'a>(&'a self, i: usize, read: &'a mut Vec<[f32; 3]>) -> Cow<'a, [[f32; 3]]> {
+        match self.diffuse.row(i, read) {
             Some(row) => Cow::Borrowed(row),
             None => Cow::Owned(self.asset.colors_of(i)),
         }
@@ -367,9 +377,9 @@ impl DirectionalTransfer {
     /// The light was not read for the method.
     pub fn light(&self, target: &Illumination) -> Result<DirectionalLight> {
         let (gain, settings) = (self.light_gain, &self.settings);
-        let (radiance, beams) = target.for_directional()?;
-        let light = (radiance, beams, &target.emitters[..]);
-        let told = target.told_gain;
+        let (radiance, light_samples) = target.for_directional()?;
+        let light = (radiance, light_samples, &target.emitters[..]);
+        let told = target.user_gain;
         Ok(self.asset.light(light, (gain, told), settings, self.fill))
     }
 
@@ -392,8 +402,8 @@ impl DirectionalTransfer {
     /// Turns of the fixed point that this asset needs: where no light bounces, the first one is right.
     pub fn turns(&self) -> usize {
         let Terms { shadow, bounce, .. } = self.settings.terms;
-        let bounces = shadow && bounce && !self.asset.bake.sight.hits.is_empty();
-        if bounces || !self.settings.skips.has(Skip::Bounces) {
+        let bounces = shadow && bounce && !self.asset.bake.directional_visibility.hits.is_empty();
+        if bounces || !self.settings.optimizations.has(Optimization::Bounces) {
             TURNS
         } else {
             1
@@ -409,7 +419,7 @@ impl DirectionalTransfer {
             asset.radiance(&tau).collect_into_vec(&mut radiance);
             self.turn(light, &radiance, &mut tau);
         }
-        self.trusted(light.told_gain, &mut tau);
+        self.trusted(light.user_gain, &mut tau);
         tau
     }
 
@@ -443,24 +453,24 @@ impl DirectionalTransfer {
         });
         let two_sided = self.settings.terms.two_sided;
         let sides = [front, if two_sided { back } else { front }];
-        let glow = self.glow_of(i);
-        sides.map(|side| side.map(|t| t + glow * (1.0 - t)))
+        let emission_share = self.emission_share_of(i);
+        sides.map(|side| side.map(|t| t + emission_share * (1.0 - t)))
     }
 
     /// Share of emission in a surfel's diffuse colour, 0 to 1.
-    pub fn glow_of(&self, i: usize) -> f32 {
-        self.glow.get(i).copied().unwrap_or(0.0)
+    pub fn emission_share_of(&self, i: usize) -> f32 {
+        self.emission_share.get(i).copied().unwrap_or(0.0)
     }
 
     /// Believes a change only as far as its source, but for what is told of the light; what glows is as it was.
-    pub(super) fn trusted(&self, told_gain: [f32; 3], tau: &mut [FrontAndBack]) {
+    pub(super) fn trusted(&self, user_gain: [f32; 3], tau: &mut [FrontAndBack]) {
         if self.trust >= 1.0 {
             return;
         }
-        let whole = self.undamped(told_gain);
+        let whole = self.undamped(user_gain);
         for (i, sides) in tau.iter_mut().enumerate() {
-            let glow = self.glow_of(i);
-            let whole = whole.map(|w| w + (1.0 - w) * glow);
+            let emission_share = self.emission_share_of(i);
+            let whole = whole.map(|w| w + (1.0 - w) * emission_share);
             for side in sides {
                 *side = std::array::from_fn(|c| whole[c] * side[c].powf(self.trust));
             }
@@ -468,21 +478,21 @@ impl DirectionalTransfer {
     }
 
     /// Factor of a change beside its power, so that a light's user-set gain counts in full against the source's.
-    pub fn undamped(&self, told_gain: [f32; 3]) -> [f32; 3] {
+    pub fn undamped(&self, user_gain: [f32; 3]) -> [f32; 3] {
         std::array::from_fn(|c| {
-            let told = told_gain[c] / self.told_gain[c].max(f32::MIN_POSITIVE);
+            let told = user_gain[c] / self.user_gain[c].max(f32::MIN_POSITIVE);
             told.min(1e20).powf(1.0 - self.trust)
         })
     }
 
     /// Diffuse surfels, as they are kept.
-    fn matte(&self, part: Part) -> Matte<'_> {
+    fn diffuse(&self, part: Part) -> DiffuseSurfels<'_> {
         let Terms {
             residual,
             two_sided,
             ..
         } = self.settings.terms;
-        Matte {
+        DiffuseSurfels {
             asset: &self.asset,
             darkest: &self.darkest,
             residual: &self.residual,
@@ -502,22 +512,23 @@ impl DirectionalTransfer {
         out: &mut [[f32; 3]],
     ) {
         let asset = &*self.asset;
-        scratch.glossy.clear();
+        scratch.specular.clear();
         if part != Part::Diffuse {
-            asset.reflect(i, &self.gloss[i], light, radiance, scratch);
+            asset.reflect(i, &self.specular_lobe[i], light, radiance, scratch);
         }
-        let matte = if part == Part::Specular {
+        let diffuse = if part == Part::Specular {
             FrontAndBack::default()
         } else {
             tau
         };
-        let two_sided = self.matte(part).two_sided(i);
+        let two_sided = self.diffuse(part).two_sided(i);
         let has_two_sides = two_sided > 0.0;
-        let is_matte =
-            self.gloss[i].is_matte() && scratch.glossy.is_empty() && part != Part::Specular;
-        if is_matte
+        let is_diffuse = self.specular_lobe[i].is_diffuse()
+            && scratch.specular.is_empty()
+            && part != Part::Specular;
+        if is_diffuse
             && self
-                .matte(part)
+                .diffuse(part)
                 .multiply(i, (tau, two_sided), &mut scratch.read, out)
         {
             if has_two_sides {
@@ -526,14 +537,14 @@ impl DirectionalTransfer {
             return;
         }
         let mut read = std::mem::take(&mut scratch.read);
-        asset.store(&self.matte_of(i, &mut read), matte[0], scratch);
+        asset.store(&self.diffuse_of(i, &mut read), diffuse[0], scratch);
         scratch.read = read;
         let (now, then) = (asset.encoded_mean(&scratch.stored), self.encoded_mean[i]);
         let scale: [f32; 3] = std::array::from_fn(|c| residual_scale(now[c], then[c]));
         let frame = SurfelFrame::new(asset.bake.normals[i]);
         asset.nodes.fit_into(&scratch.stored, out);
         if has_two_sides {
-            self.add_back(i, matte, two_sided, scratch, out);
+            self.add_back(i, diffuse, two_sided, scratch, out);
         }
         frame.apply_sh(asset.nodes.degree, out);
         // What the model misses is of neither part.
@@ -592,7 +603,7 @@ impl DirectionalTransfer {
 }
 
 /// Fill of each channel of a light up to the least that explains anything, as a share of its mean.
-fn fill_of(light: &Beams) -> [f32; 3] {
+fn fill_of(light: &LightSamples) -> [f32; 3] {
     let mean = light.mean_irradiance();
     light
         .mean_irradiances()
@@ -604,7 +615,7 @@ struct Scratch {
     rays: Rays,
     /// `[3][Q]`
     values: Vec<f32>,
-    glossy: Vec<[f32; 3]>,
+    specular: Vec<[f32; 3]>,
     stored: Vec<[f32; 3]>,
     /// A row as it is read.
     read: Vec<[f32; 3]>,

@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 use crate::lanes::LANES;
 use crate::numeric::over;
 use crate::settings::TransferSettings;
-use crate::settings::skips::{Skip, Skipped, Stage};
+use crate::settings::optimizations::{Optimization, SkippedWork, Stage};
 use crate::sh::{
     LightOperator, MAX_COEFFICIENTS, SQRT_4PI, band, coefficient_count, cosine_kernel,
     evaluate_basis, light_operator,
@@ -74,7 +74,7 @@ pub struct HarmonicTransfer {
 
 /// Part of a preparation that no light changes: kept between changes of the source and of the settings.
 #[derive(Clone, Debug)]
-pub struct HarmonicAsset {
+pub struct HarmonicCache {
     /// Linear radiance SH `[n][K][3]`.
     linear: Arc<Vec<[f32; 3]>>,
     has_view_dependence: bool,
@@ -82,7 +82,7 @@ pub struct HarmonicAsset {
     visibility: Option<(usize, u64, Arc<Vec<f32>>)>,
 }
 
-impl HarmonicAsset {
+impl HarmonicCache {
     /// Decodes the asset's colour.
     pub fn new(cloud: &SurfelCloud) -> Self {
         Self {
@@ -163,7 +163,7 @@ impl HarmonicAsset {
             center: cloud.bounds().center,
             surfels: cloud.len(),
             light_degree,
-            asset_degree: if settings.skips.has(Skip::EmptyBands) {
+            asset_degree: if settings.optimizations.has(Optimization::EmptyBands) {
                 specular_degree
             } else {
                 cloud.sh_degree
@@ -202,7 +202,7 @@ impl HarmonicTransfer {
         source: &IncidentRadiance,
         settings: &TransferSettings,
     ) -> Result<Self> {
-        HarmonicAsset::new(cloud).prepare(cloud, visibility, 0, source, settings)
+        HarmonicCache::new(cloud).prepare(cloud, visibility, 0, source, settings)
     }
 
     /// Transfer under targets that are shadowed by another bake, whose first surfels are these.
@@ -257,7 +257,7 @@ impl HarmonicTransfer {
             })
             .collect();
         let mut operator = light_operator(self.light_degree, &relative);
-        operator.is_gray &= self.settings.skips.has(Skip::GrayLight);
+        operator.is_gray &= self.settings.optimizations.has(Optimization::GrayLight);
         operator
     }
 
@@ -355,7 +355,7 @@ impl Relight for HarmonicTransfer {
             metallic: 0.0,
             roughness: 1.0,
             reflectance: [0.0; 3],
-            glow: 0.0,
+            emission_share: 0.0,
             emission: [0.0; 3],
         });
         // What hardly any light reaches says nothing of how white it is.
@@ -363,23 +363,23 @@ impl Relight for HarmonicTransfer {
         Materials::of(each.collect(), lit, whitest)
     }
 
-    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
+    fn skipped_work(&self, cloud: &SurfelCloud) -> Vec<SkippedWork> {
         let mut out = switched_off(&self.settings);
         let degree = self.specular_degree;
         if degree == cloud.sh_degree {
             return out;
         }
         let bytes = empty_bytes(self.surfels, cloud.sh_degree, self.asset_degree);
-        let may_skip = self.settings.skips.has(Skip::EmptyBands);
-        let skip = may_skip.then_some(Skip::EmptyBands);
+        let may_skip = self.settings.optimizations.has(Optimization::EmptyBands);
+        let skip = may_skip.then_some(Optimization::EmptyBands);
         if degree > 0 {
             let what = format!("SH bands above {degree} of the asset");
             let why = "the source light has nothing there (see SH degree)";
-            out.push(Skipped {
+            out.push(SkippedWork {
                 bytes,
                 skip,
                 max_error: None,
-                ..Skipped::exact(Stage::Transfer, what, why)
+                ..SkippedWork::exact(Stage::Transfer, what, why)
             });
         } else if self.settings.terms.specular {
             let why = if self.settings.sh_degree == 0 {
@@ -389,34 +389,36 @@ impl Relight for HarmonicTransfer {
             } else {
                 "the source light is even: it tells nothing of gloss"
             };
-            out.push(Skipped {
+            out.push(SkippedWork {
                 bytes,
                 skip,
-                ..Skipped::exact(Stage::Transfer, "specular transfer", why)
+                ..SkippedWork::exact(Stage::Transfer, "specular transfer", why)
             });
         }
         out
     }
 
-    fn left_out_for(&self, light: &Illumination, on_gpu: bool) -> Option<Skipped> {
+    fn skipped_work_for(&self, light: &Illumination, on_gpu: bool) -> Option<SkippedWork> {
         if !light.emitters.is_empty() {
             let why = "preset paper has one light for all surfels: lights are as they are seen from the object's middle";
-            return Some(Skipped {
+            return Some(SkippedWork {
                 max_error: None,
-                ..Skipped::exact(Stage::Transfer, "how near lights are", why)
+                ..SkippedWork::exact(Stage::Transfer, "how near lights are", why)
             });
         }
         let is_gray = (light.radiance.coefficients.iter())
             .take(coefficient_count(self.light_degree))
             .all(|[r, g, b]| r == g && g == b);
-        (is_gray && self.settings.skips.has(Skip::GrayLight) && !on_gpu).then(|| Skipped {
-            skip: Some(Skip::GrayLight),
-            ..Skipped::exact(
-                Stage::Transfer,
-                "two of three channels",
-                "the light is grey",
-            )
-        })
+        (is_gray && self.settings.optimizations.has(Optimization::GrayLight) && !on_gpu).then(
+            || SkippedWork {
+                skip: Some(Optimization::GrayLight),
+                ..SkippedWork::exact(
+                    Stage::Transfer,
+                    "two of three channels",
+                    "the light is grey",
+                )
+            },
+        )
     }
 
     fn light_gain(&self) -> f32 {

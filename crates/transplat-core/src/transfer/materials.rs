@@ -30,7 +30,7 @@ pub struct Material {
     /// Reflectance along the normal, linear, 0 to 1; 0 without a specular lobe.
     pub reflectance: [f32; 3],
     /// Share of its colour that is emission, 0 to 1.
-    pub glow: f32,
+    pub emission_share: f32,
     /// Radiance that is its own, linear, in the unit of the capture's pictures.
     pub emission: [f32; 3],
 }
@@ -55,14 +55,16 @@ impl Materials {
         wanted: Option<f32>,
     ) -> Self {
         let albedos = each.iter().zip(seen);
-        let albedos = albedos.filter(|(m, _)| m.glow == 0.0).map(|(m, seen)| {
-            let albedo = m.base_color.iter().sum::<f32>() / 3.0;
-            (f64::from(albedo), f64::from(seen))
-        });
+        let albedos = albedos
+            .filter(|(m, _)| m.emission_share == 0.0)
+            .map(|(m, seen)| {
+                let albedo = m.base_color.iter().sum::<f32>() / 3.0;
+                (f64::from(albedo), f64::from(seen))
+            });
         let albedos = albedos.filter(|(albedo, _)| albedo.is_finite()).collect();
         let whitest = weighted_quantile(albedos, f64::from(WHITEST)).unwrap_or(0.0) as f32;
         // All of it black, or its own light: there is nothing to scale.
-        let is_told = whitest > 1e-6;
+        let is_explicit = whitest > 1e-6;
         let plausible = || {
             if PLAUSIBLE_WHITEST.contains(&whitest) {
                 whitest
@@ -70,7 +72,7 @@ impl Materials {
                 WHITEST_ALBEDO as f32
             }
         };
-        let gain = if is_told {
+        let gain = if is_explicit {
             wanted.unwrap_or_else(plausible) / whitest
         } else {
             1.0
@@ -80,7 +82,7 @@ impl Materials {
                 *color = color.map(|v| (gain * v).clamp(0.0, 1.0));
             }
             // A lamp has no albedo.
-            let lit = 1.0 - material.glow;
+            let lit = 1.0 - material.emission_share;
             material.base_color = material.base_color.map(|v| lit * v);
         }
         Self {
@@ -176,7 +178,7 @@ mod tests {
                     // The map is summed in cells, and as a series.
                     assert!((v / 0.5 - 1.0).abs() < 0.01, "{method:?} {m:?}");
                 }
-                assert_eq!((m.metallic, m.glow), (0.0, 0.0));
+                assert_eq!((m.metallic, m.emission_share), (0.0, 0.0));
             }
         }
     }

@@ -7,7 +7,7 @@ use crate::color::{Encoding, decode_sh, encode_sh};
 use crate::color_rows::ColorRows;
 use crate::environment::Illumination;
 use crate::error::Result;
-use crate::settings::skips::{Skipped, Stage};
+use crate::settings::optimizations::{SkippedWork, Stage};
 use crate::settings::{Terms, TransferSettings};
 use crate::sh::{coefficient_count, rotate_functions, with_degree};
 use crate::surfels::SurfelCloud;
@@ -90,10 +90,10 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
     fn bytes(&self) -> usize;
 
     /// Work that is skipped whatever the light; `cloud` is the splat that was prepared.
-    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped>;
+    fn skipped_work(&self, cloud: &SurfelCloud) -> Vec<SkippedWork>;
 
     /// Work that is skipped for a light, beside that; the GPU works on all channels at once, and gains nothing by a grey one.
-    fn left_out_for(&self, light: &Illumination, on_gpu: bool) -> Option<Skipped>;
+    fn skipped_work_for(&self, light: &Illumination, on_gpu: bool) -> Option<SkippedWork>;
 
     /// Share of epsilon in the divisor of surfel `i`'s colour, 0 to 1, the mean of the channels.
     fn epsilon_share(&self, i: usize) -> f32;
@@ -248,13 +248,13 @@ impl Relit {
 }
 
 /// Terms that are switched off.
-pub(super) fn switched_off(settings: &TransferSettings) -> Vec<Skipped> {
+pub(super) fn switched_off(settings: &TransferSettings) -> Vec<SkippedWork> {
     let mut terms = settings.terms;
     Terms::of_method(settings.method)
         .filter(|term| !*(term.of)(&mut terms))
-        .map(|term| Skipped {
+        .map(|term| SkippedWork {
             max_error: None,
-            ..Skipped::exact(Stage::Transfer, term.name, "switched off")
+            ..SkippedWork::exact(Stage::Transfer, term.name, "switched off")
         })
         .collect()
 }

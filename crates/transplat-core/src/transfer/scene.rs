@@ -14,7 +14,7 @@ use crate::bake::surroundings::Placed;
 use crate::environment::Illumination;
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::settings::skips::Skipped;
+use crate::settings::optimizations::SkippedWork;
 use crate::surfels::SurfelCloud;
 
 /// The objects of a scene, each under the light of its own capture, ready for any other that they share. As one asset its surfels are
@@ -88,7 +88,7 @@ impl SceneTransfer {
             }
         }
         for ((object, light), tau) in self.objects.iter().zip(&lights).zip(&mut taus) {
-            object.trusted(light.told_gain, tau);
+            object.trusted(light.user_gain, tau);
         }
         self.radiate(&taus, &mut radiance);
         Ok(Bounced {
@@ -218,9 +218,9 @@ impl Relight for SceneTransfer {
         Materials::together(each.map(|(o, placed)| o.materials(whitest).turned(placed.turn())))
     }
 
-    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
-        let each = self.objects.iter().flat_map(|o| o.left_out(cloud));
-        let mut all: Vec<Skipped> = Vec::new();
+    fn skipped_work(&self, cloud: &SurfelCloud) -> Vec<SkippedWork> {
+        let each = self.objects.iter().flat_map(|o| o.skipped_work(cloud));
+        let mut all: Vec<SkippedWork> = Vec::new();
         for skipped in each {
             if !all.contains(&skipped) {
                 all.push(skipped);
@@ -229,8 +229,8 @@ impl Relight for SceneTransfer {
         all
     }
 
-    fn left_out_for(&self, light: &Illumination, on_gpu: bool) -> Option<Skipped> {
-        self.objects[0].left_out_for(light, on_gpu)
+    fn skipped_work_for(&self, light: &Illumination, on_gpu: bool) -> Option<SkippedWork> {
+        self.objects[0].skipped_work_for(light, on_gpu)
     }
 
     /// The first object's.

@@ -6,13 +6,13 @@ use glam::Vec3;
 use transplat_core::camera::CameraPose;
 use transplat_core::files::{CameraFile, CameraFrame, folder_of, image_size, load_cameras};
 use transplat_core::present::Background;
-use transplat_core::upright::up_from_cameras;
+use transplat_core::up_axis::up_from_cameras;
 
-use crate::asset::Asset;
 use crate::jobs::Kind;
 use crate::language::{tr, tr_format};
-use crate::picture::photographs_named;
 use crate::project::{Notice, OpenCameras, Project};
+use crate::render::photographs_named;
+use crate::splat::Splat;
 
 /// Folders, seen from that of a camera file, in which photographs lie.
 const FOLDERS: [&str; 6] = ["", "images", "..", "../images", "../..", "../../images"];
@@ -66,7 +66,7 @@ impl Project {
 
     /// Sets the first object upright as the cameras that are open were held, where nobody said which way is up; what was proposed before was a
     /// worse guess. Whether the cameras tell.
-    pub fn set_upright_by_cameras(&mut self, asset: &Asset) -> bool {
+    pub fn set_upright_by_cameras(&mut self, asset: &Splat) -> bool {
         let object = &mut self.scene.objects[0];
         let proposed = asset.proposed_up.map(|(up, _)| up);
         let is_chosen = object.up.is_some() && object.up != proposed;
@@ -101,7 +101,7 @@ impl Project {
         cameras.at = at;
         let found = photograph(&cameras.path, &frame);
         let last = std::mem::replace(&mut cameras.photograph, found.clone());
-        let is_behind = self.scene.background == Background::Plate;
+        let is_behind = self.scene.background == Background::Backplate;
         if found.is_none() && is_behind && last.is_some() && self.scene.plate == last {
             // That of another camera would lie; one that the user chose stays.
             self.scene.plate = None;
@@ -114,7 +114,7 @@ impl Project {
                     photograph.display()
                 ));
             }
-            self.set_plate(photograph.clone());
+            self.set_backplate(photograph.clone());
         } else if let Some(picture) = &frame.picture {
             self.info(tr_format!(
                 "{picture}: the photograph of this camera is not beside its file, nor in images/",
@@ -123,7 +123,7 @@ impl Project {
         }
         // An angle of view is across the whole photograph.
         let behind = self.scene.plate.as_ref();
-        let behind = behind.filter(|_| self.scene.background == Background::Plate);
+        let behind = behind.filter(|_| self.scene.background == Background::Backplate);
         let size = frame.size.or_else(|| image_size(behind?).ok());
         if let Some(size) = size.filter(|_| found.is_some()) {
             self.notices.push(Notice::PictureSize(size));
@@ -136,9 +136,9 @@ impl Project {
     }
 
     /// Shows a photograph behind the objects.
-    pub fn set_plate(&mut self, path: PathBuf) {
+    pub fn set_backplate(&mut self, path: PathBuf) {
         self.scene.plate = Some(path);
-        self.scene.background = Background::Plate;
+        self.scene.background = Background::Backplate;
     }
 }
 

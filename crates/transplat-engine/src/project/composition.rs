@@ -9,7 +9,7 @@ use transplat_core::scene::{
     Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, SCALES, Transform,
 };
 
-use transplat_core::surfels::{Bounds, Hide};
+use transplat_core::surfels::{Bounds, SurfelFilter};
 
 use crate::language::{tr, tr_format};
 use crate::names::{distinct_names, name_of};
@@ -231,14 +231,14 @@ impl Project {
             part.asset = Some(asset.path.clone());
             part.cut.push(cut);
             // It was about the whole.
-            let whole = Hide::default();
+            let whole = SurfelFilter::default();
             if part.hide.max_size < whole.max_size {
                 // What is large is so beside the object: the same surfels stay hidden.
                 let radius = asset.cloud.selected(surfels).bounds().radius;
                 let same = part.hide.max_size * bounds.radius / radius;
                 part.hide.max_size = same.min(whole.max_size);
             }
-            part.hide = Hide {
+            part.hide = SurfelFilter {
                 crop: false,
                 crop_min: whole.crop_min,
                 crop_max: whole.crop_max,

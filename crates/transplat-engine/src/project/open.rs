@@ -9,10 +9,9 @@ use transplat_core::estimate::Estimate;
 use transplat_core::files::is_same_file;
 use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_even};
 use transplat_core::settings::Method;
-use transplat_core::upright::UpEvidence;
-use transplat_gpu::live::{Drawing, LiveAsset};
+use transplat_core::up_axis::UpEvidence;
+use transplat_gpu::live::{Drawing, LiveSplat};
 
-use crate::asset::{Asset, OpenedWith, name_of, reading_of, told};
 use crate::capture::Capture;
 use crate::environments::{Environment, light_name};
 use crate::estimate;
@@ -22,13 +21,14 @@ use crate::object::ObjectState;
 use crate::project::canvas::Canvas;
 use crate::project::stages::DROP_IT;
 use crate::project::{Notice, OpenCameras, Project};
+use crate::splat::{OpenedWith, Splat, name_of, reading_of, told};
 use crate::words::of_error;
 
 impl Project {
     /// Opens a scene of one object: on success it is shown, otherwise everything stays.
     pub fn open_scene(&mut self, scene: Scene) {
         if let Some(path) = scene.objects[0].asset.clone() {
-            self.load_asset(0, path, OpenedWith::Scene(Box::new(scene)));
+            self.load_splat(0, path, OpenedWith::Scene(Box::new(scene)));
         }
     }
 
@@ -119,7 +119,7 @@ impl Project {
         });
         if let Some((at, path)) = missing.next() {
             self.states[at].tried = Some(path.clone());
-            self.load_asset(at, path, OpenedWith::Listed);
+            self.load_splat(at, path, OpenedWith::Listed);
         }
     }
 
@@ -136,7 +136,7 @@ impl Project {
     }
 
     /// Loads a splat; on success it is shown with the settings, otherwise everything stays.
-    pub fn load_asset(&mut self, at: usize, path: PathBuf, opened_with: OpenedWith) {
+    pub fn load_splat(&mut self, at: usize, path: PathBuf, opened_with: OpenedWith) {
         let id = self.states[at].id;
         let kind = Kind::Of(id, Work::Load);
         self.jobs.cancel(kind);
@@ -151,22 +151,22 @@ impl Project {
         // One that is doubled is not read twice.
         let is_listed = matches!(opened_with, OpenedWith::Listed);
         let open = self.states.iter().filter_map(|s| s.asset.as_ref());
-        let is_it = |a: &&Asset| a.path == path && a.reading() == reading_of(&object);
+        let is_it = |a: &&Splat| a.path == path && a.reading() == reading_of(&object);
         let twin = open.filter(is_it).find(|_| is_listed).cloned();
         let capture = self.capture_for(&path, &object);
         let work = move |_: &_| {
             let asset = match twin {
-                Some(twin) => Asset {
+                Some(twin) => Splat {
                     warnings: Vec::new(),
                     ..twin
                 },
-                None => Asset::load(path, &object, capture)?,
+                None => Splat::load(path, &object, capture)?,
             };
             let Some(Canvas { context, .. }) = &canvas else {
                 return Ok((asset, None, None));
             };
             let asset = asset.with_hints();
-            let live = LiveAsset::new(context, &asset.cloud, Drawing::fastest(context))?;
+            let live = LiveSplat::new(context, &asset.cloud, Drawing::fastest(context))?;
             let estimate = estimate::kept(&asset.path, asset.whole_cloud());
             Ok((asset, Some(live), estimate))
         };
@@ -236,7 +236,7 @@ impl Project {
         mut at: usize,
         opened_with: OpenedWith,
         asked: &Object,
-        (asset, live, estimate): (Asset, Option<LiveAsset>, Option<Estimate>),
+        (asset, live, estimate): (Splat, Option<LiveSplat>, Option<Estimate>),
     ) {
         if let OpenedWith::Scene(scene) = &opened_with {
             // It has room alone, or would not have come this far.
@@ -260,7 +260,7 @@ impl Project {
             self.info(warning);
         }
         let object = &mut self.scene.objects[at];
-        let is_untold = match &opened_with {
+        let is_unset = match &opened_with {
             OpenedWith::Object(opened, _) => {
                 // A look that came meanwhile tells all there is.
                 let is_as_asked = object.source == asked.source;
@@ -282,7 +282,7 @@ impl Project {
             });
         }
         let origin = asset.cloud.origin;
-        if is_untold {
+        if is_unset {
             // What is there stays around it, wherever its file's coordinates have it.
             let object = &mut self.scene.objects[at];
             let transform = object.transform;
@@ -310,11 +310,11 @@ impl Project {
         self.ground.clear();
         self.ground_lit.clear();
         self.pinned = None;
-        let is_twin = |a: &Asset| Arc::ptr_eq(&a.cloud, &asset.cloud);
+        let is_twin = |a: &Splat| Arc::ptr_eq(&a.cloud, &asset.cloud);
         let mut others = self.states.iter();
         let twin = others.find(|s| s.asset.as_ref().is_some_and(is_twin));
         let bakes = twin.map(ObjectState::kept_bakes).unwrap_or_default();
-        self.tell_replaced(at, &asset.path);
+        self.report_replaced(at, &asset.path);
         let last = &mut self.states[at];
         let (is_added, seeks_room) = (last.is_added, last.seeks_room);
         let mut source = last.source.clone();
@@ -345,7 +345,7 @@ impl Project {
 
     /// Sets what nobody told of a splat that is opened, and says so: which way is up, by the ground in it, and where its light is not known
     /// the strength of the light that it is relit by.
-    fn propose(&mut self, at: usize, asset: &Asset) {
+    fn propose(&mut self, at: usize, asset: &Splat) {
         let by_cameras = at == 0 && self.set_upright_by_cameras(asset);
         let object = &mut self.scene.objects[at];
         if let (None, Some((up, evidence)), false) = (object.up, asset.proposed_up, by_cameras) {
@@ -372,7 +372,7 @@ impl Project {
     }
 
     /// Says what a splat takes the place of, where others stay.
-    fn tell_replaced(&mut self, at: usize, path: &Path) {
+    fn report_replaced(&mut self, at: usize, path: &Path) {
         let last = self.states[at].asset.as_ref().map(|a| a.path.clone());
         let Some(last) = last.filter(|last| self.scene.objects.len() > 1 && last != path) else {
             return;

@@ -100,7 +100,7 @@ impl Project {
 
     fn pin_what_is_shown(&mut self, canvas: &Canvas, display: Display) -> bool {
         if self.scene.view.part() != Part::Whole && !self.together.is_empty() {
-            return self.pin_together(canvas, display);
+            return self.pin_jointly(canvas, display);
         }
         let has_asset = |at: &usize| self.states[*at].asset.is_some();
         let objects: Vec<usize> = (0..self.states.len()).filter(has_asset).collect();
@@ -110,7 +110,7 @@ impl Project {
     }
 
     /// Keeps all objects as they are relit together, all parts of them.
-    fn pin_together(&mut self, canvas: &Canvas, display: Display) -> bool {
+    fn pin_jointly(&mut self, canvas: &Canvas, display: Display) -> bool {
         let Some((members, scene)) = self.scene_transfer_of_now() else {
             self.error(tr(
                 "the objects are still being prepared; try again when that is done",

@@ -4,11 +4,11 @@ use anyhow::{Result, bail};
 use transplat_core::present::View;
 use transplat_core::transfer::PreparedTransfer;
 
-use crate::asset::reading_of;
 use crate::jobs::{Kind, Work};
 use crate::language::{tr, tr_format};
 use crate::object::ObjectState;
 use crate::project::Project;
+use crate::splat::reading_of;
 
 impl Project {
     /// Reason why a relit view is not final, in words.
@@ -78,7 +78,7 @@ impl Project {
             return false;
         }
         let mut running = self.jobs.running().iter();
-        let is_beside = |kind: Kind| matches!(kind, Kind::Of(_, Work::Channel | Work::Doubts));
+        let is_beside = |kind: Kind| matches!(kind, Kind::Of(_, Work::Channel | Work::Confidence));
         running.all(|job| is_beside(job.kind))
     }
 }

@@ -5,14 +5,14 @@ mod asset;
 mod backdrop;
 mod bake;
 mod channel;
-mod doubts;
+mod confidence;
 mod estimate;
 mod ground;
 mod hidden;
 mod insertion;
+mod joint;
 mod lights;
 mod prepare;
 mod relight;
-mod together;
 
 pub use estimate::DROP_IT;

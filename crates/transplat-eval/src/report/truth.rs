@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use transplat_core::bake::Bake;
 use transplat_core::environment::Illumination;
-use transplat_core::files::{PngBits, load_asset, write_png};
+use transplat_core::files::{PngBits, load_splat, write_png};
 use transplat_core::progress::no_progress;
 use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
@@ -21,7 +21,7 @@ use super::unknown::Unknown;
 use super::variants::Variant;
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::views::{TruthTarget, Views, light};
-use crate::metrics::Picture;
+use crate::metrics::Image;
 use transplat_engine::device::Device;
 use transplat_engine::output::make_folder;
 
@@ -119,7 +119,7 @@ struct TruthScene<'a> {
 
 impl<'a> TruthScene<'a> {
     fn load(object: &'a TruthObject, device: &Device, directions: usize) -> Result<Self> {
-        let (cloud, _) = load_asset(&object.asset)?;
+        let (cloud, _) = load_splat(&object.asset)?;
         let cloud = Arc::new(cloud);
         let bakes = Method::ALL.map(|p| Bake::new(&cloud, p, directions, &no_progress));
         Ok(Self {
@@ -201,7 +201,7 @@ impl<'a> TruthScene<'a> {
         &self,
         variant: &Variant,
         target: &TruthTarget,
-        ours: &[Picture],
+        ours: &[Image],
         transfer_ms: Option<f64>,
     ) -> Result<Row> {
         let scores: Vec<[f64; 4]> = ours
@@ -250,7 +250,7 @@ fn relight(
 }
 
 /// A row a camera: the truth, ours, and how far they are apart.
-fn write_side_by_side(path: &Path, truth: &[Picture], ours: &[Picture]) -> Result<()> {
+fn write_side_by_side(path: &Path, truth: &[Image], ours: &[Image]) -> Result<()> {
     let Some(first) = truth.first() else {
         return Ok(());
     };

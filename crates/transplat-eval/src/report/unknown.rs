@@ -83,8 +83,10 @@ fn irradiance(cloud: &SurfelCloud, bake: &Bake, light: &Illumination) -> Result<
     };
     let best: &DirectionalTransfer = &best;
     let over = 1.0 / f64::from(best.light_gain);
-    let fronts = best.divisor.iter().map(|[front, _]| front);
-    Ok(fronts.map(|e| e.map(|v| f64::from(v) * over)).collect())
+    let outward_sides = best.divisor.iter().map(|[front, _]| front);
+    Ok(outward_sides
+        .map(|e| e.map(|v| f64::from(v) * over))
+        .collect())
 }
 
 /// Correlation with the truth, and by what the first has to be multiplied to be nearest to it: surfels count by area and opacity.
@@ -111,8 +113,11 @@ fn compare(cloud: &SurfelCloud, ours: &[[f64; 3]], truth: &[[f64; 3]]) -> ([f64;
 
 /// Angle between the directions that most of the light comes from, in degrees; none where there is no estimate.
 fn angle(estimate: &Estimate, light: &Illumination) -> Option<f32> {
-    let beams = light.beams.as_ref().filter(|_| estimate.is_good())?;
-    let all = beams.suns.iter().chain(&beams.cells);
+    let light_samples = light
+        .light_samples
+        .as_ref()
+        .filter(|_| estimate.is_good())?;
+    let all = light_samples.suns.iter().chain(&light_samples.cells);
     let sum: Vec3 = all
         .map(|b| b.direction * b.energy.iter().sum::<f32>())
         .sum();

@@ -19,7 +19,7 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::subject::{Numeric, Subject};
-use crate::metrics::Picture;
+use crate::metrics::Image;
 use transplat_engine::device::{Device, Paint, Painter};
 
 /// Surfels of the thinned asset.
@@ -45,7 +45,7 @@ pub struct Reference {
 struct Exact {
     method: Method,
     sh: Vec<[f64; 3]>,
-    picture: Picture,
+    picture: Image,
 }
 
 impl Reference {
@@ -64,10 +64,10 @@ impl Reference {
         };
         let [source, target] = &subject.lights;
         let by_directions = {
-            let (_, beams) = source.for_directional()?;
+            let (_, light_samples) = source.for_directional()?;
             let (_, target) = target.for_directional()?;
             let epsilon = Method::Directional.epsilon();
-            OracleDirectional::new(&reference.cloud, &directional, beams, epsilon)
+            OracleDirectional::new(&reference.cloud, &directional, light_samples, epsilon)
                 .trusting(source.trust)
                 .relight(target)
         };
@@ -140,10 +140,10 @@ impl Reference {
         decode_sh(&self.cloud.sh, self.cloud.sh_degree, self.cloud.encoding)
     }
 
-    fn picture(&self, relit: &Relit) -> Result<Picture> {
+    fn picture(&self, relit: &Relit) -> Result<Image> {
         let paint = Paint::relit(relit);
         let raster = self.painter.draw(&self.camera, paint, PLAIN, &[])?;
-        Ok(Picture::of_display(&raster))
+        Ok(Image::of_display(&raster))
     }
 
     /// Error of a relit thinned splat against the oracle's.

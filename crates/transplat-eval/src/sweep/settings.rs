@@ -9,7 +9,7 @@ use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::harmonic::{BakeInput, DEFAULT_DIRECTIONS, Softness};
 use transplat_core::progress::no_progress;
-use transplat_core::settings::skips::Skips;
+use transplat_core::settings::optimizations::Optimizations;
 use transplat_core::settings::{Method, Terms, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
@@ -177,7 +177,7 @@ pub fn staged_bakes(cloud: &SurfelCloud) -> Result<Vec<(f32, f64, Bake)>> {
         let bake = Bake::Directional(std::sync::Arc::new(directional));
         found.borrow_mut().push((share, ms, bake));
     };
-    let stages = (&[8, 4, 2, 1][..], &Skips::default());
+    let stages = (&[8, 4, 2, 1][..], &Optimizations::default());
     let whole = DirectionalBake::bake_in_stages(cloud, stages, &no_progress, keep)?;
     keep(whole, 1.0);
     Ok(found.into_inner())

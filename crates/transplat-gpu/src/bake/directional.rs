@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use transplat_core::bake::patches::{
-    Found, MOST_SURFELS, PATCHES, PER_PATCH, SURFEL_BITS, directions,
+use transplat_core::bake::strata::{
+    Found, MOST_SURFELS, PER_STRATUM, STRATA, SURFEL_BITS, directions,
 };
 use transplat_core::bake::trace::Tracer;
 use transplat_core::progress::Progress;
@@ -11,7 +11,7 @@ use wgpu::BufferUsages;
 
 use crate::context::{ComputePass, Context, GpuError, Result};
 use crate::layout::gpu_struct;
-use crate::shader::{self, PATCH_BATCH};
+use crate::shader::{self, STRATUM_BATCH};
 use crate::trace::ResidentTracer;
 use crate::{CHUNK, WORKGROUP};
 
@@ -51,9 +51,9 @@ impl GpuTracer {
         let resident = ResidentTracer::upload(context, tracer);
         context.wait()?;
         Ok(Self {
-            pass: context.compute_pass(&shader::BAKE_DIRECTIONAL.source(), "trace_patches"),
+            pass: context.compute_pass(&shader::BAKE_DIRECTIONAL.source(), "trace_strata"),
             resident,
-            found: context.storage(4 * PATCH_BATCH * CHUNK.min(tracer.order.len())),
+            found: context.storage(4 * STRATUM_BATCH * CHUNK.min(tracer.order.len())),
             context: context.clone(),
             tracer: tracer.clone(),
         })
@@ -65,7 +65,7 @@ impl GpuTracer {
     /// The driver failed, or `progress` asked to stop.
     pub fn trace(
         &self,
-        patches: &[usize],
+        strata: &[usize],
         found: &mut [Found],
         progress: Progress<'_>,
     ) -> Result<()> {
@@ -73,15 +73,19 @@ impl GpuTracer {
         let mut chunks: Vec<Chunk<'_>> = (found.chunks_mut(CHUNK))
             .map(|found| self.chunk(found))
             .collect();
-        for (batch, of_batch) in patches.chunks(PATCH_BATCH).enumerate() {
-            let done = (batch * PATCH_BATCH) as f64 / patches.len() as f64;
+        for (batch, of_batch) in strata.chunks(STRATUM_BATCH).enumerate() {
+            let done = (batch * STRATUM_BATCH) as f64 / strata.len() as f64;
             if progress(done).is_break() {
                 return Err(GpuError::Cancelled);
             }
-            let mut rays = vec![[0f32; 4]; PATCH_BATCH * PER_PATCH];
-            for (i, ray) in rays.iter_mut().enumerate().take(of_batch.len() * PER_PATCH) {
-                let (patch, place) = (of_batch[i / PER_PATCH], i % PER_PATCH);
-                *ray = all[place * PATCHES + patch].extend(0.0).to_array();
+            let mut rays = vec![[0f32; 4]; STRATUM_BATCH * PER_STRATUM];
+            for (i, ray) in rays
+                .iter_mut()
+                .enumerate()
+                .take(of_batch.len() * PER_STRATUM)
+            {
+                let (stratum, place) = (of_batch[i / PER_STRATUM], i % PER_STRATUM);
+                *ray = all[place * STRATA + stratum].extend(0.0).to_array();
             }
             let rays = self.context.upload(&rays, BufferUsages::UNIFORM);
             for chunk in &mut chunks {
@@ -119,7 +123,7 @@ impl GpuTracer {
     fn trace_chunk(
         &self,
         chunk: &mut Chunk<'_>,
-        patches: &[usize],
+        strata: &[usize],
         rays: &wgpu::Buffer,
     ) -> Result<()> {
         let context = &self.context;
@@ -134,15 +138,15 @@ impl GpuTracer {
             ("closed", &chunk.closed),
         ];
         let group = context.bind(&self.pass, &bindings);
-        let groups = [count.div_ceil(WORKGROUP), patches.len(), 1];
+        let groups = [count.div_ceil(WORKGROUP), strata.len(), 1];
         context.run(&self.pass, &group, groups);
-        let read: Vec<u32> = context.read(&self.found, count * patches.len())?;
-        for (patch, row) in patches.iter().zip(read.chunks_exact(count)) {
+        let read: Vec<u32> = context.read(&self.found, count * strata.len())?;
+        for (stratum, row) in strata.iter().zip(read.chunks_exact(count)) {
             for (found, packed) in chunk.found.iter_mut().zip(row) {
                 let open =
                     std::array::from_fn(|place| packed >> (SURFEL_BITS as usize + place) & 1 == 1);
                 let met = (packed >> 31 == 1).then_some(packed & (MOST_SURFELS as u32 - 1));
-                found.add(*patch, met, open);
+                found.add(*stratum, met, open);
             }
         }
         Ok(())

@@ -47,7 +47,7 @@ impl Drawing {
 }
 
 /// An asset where it is drawn; made on any thread.
-pub struct LiveAsset {
+pub struct LiveSplat {
     pub(super) cloud: Arc<SurfelCloud>,
     pub(super) bounds: Bounds,
     /// SH degree of its colour, empty bands left out.
@@ -62,7 +62,7 @@ pub(super) struct AssetOnGpu {
     normals: ResidentVectors,
 }
 
-impl LiveAsset {
+impl LiveSplat {
     /// Brings an asset there.
     ///
     /// # Errors
@@ -165,7 +165,7 @@ pub(super) enum SidePaint {
     Tau,
     /// A channel whose colours no light changes.
     Channel(View),
-    Doubts,
+    ConfidenceMap,
     /// Depth shows no colour.
     White,
 }
@@ -198,7 +198,7 @@ impl<T> Versioned<T> {
 }
 
 /// Surfel colours of the channel *doubts*, and the marks with their weight.
-pub(super) struct Doubts {
+pub(super) struct ConfidenceMap {
     colors: Vec<[f32; 3]>,
     marks: Marks,
 }
@@ -209,7 +209,7 @@ enum Marks {
     Cpu(Vec<[f32; 4]>),
 }
 
-impl Doubts {
+impl ConfidenceMap {
     pub fn new(
         context: &Context,
         colors: Vec<[f32; 3]>,
@@ -228,13 +228,13 @@ impl Doubts {
 pub(super) struct LiveObject {
     /// Differs between all objects.
     pub id: u64,
-    pub asset: LiveAsset,
+    pub asset: LiveSplat,
     /// Its version is 0 until there is something relit.
     pub relit: Versioned<Option<Shown>>,
     pub pinned: Versioned<Option<(LiveSh, Display)>>,
     /// Surfel colours of the channel that was made last.
     pub channel: Versioned<Option<(View, Vec<[f32; 3]>)>>,
-    pub doubts: Versioned<Option<Doubts>>,
+    pub confidence: Versioned<Option<ConfidenceMap>>,
     pub scene_from_object: Affine3A,
     pub projected: Derived<Camera, ()>,
 }
@@ -267,8 +267,8 @@ impl LiveObject {
             View::Normals => SidePaint::Normals,
             View::Depth => SidePaint::White,
             _ if self.channel_of(view).is_some() => SidePaint::Channel(view),
-            View::Doubts if self.doubts.value.is_some() => SidePaint::Doubts,
-            View::Visibility | View::Albedo | View::Glow | View::Doubts => SidePaint::White,
+            View::Confidence if self.confidence.value.is_some() => SidePaint::ConfidenceMap,
+            View::Visibility | View::Albedo | View::Emission | View::Confidence => SidePaint::White,
             // Until something is relit, the capture is what there is.
             _ if !self.has_relit() => SidePaint::Stored,
             View::Tau => SidePaint::Tau,
@@ -291,7 +291,7 @@ impl LiveObject {
             (SidePaint::Pinned, Some((_, display))) => ColorSpace::Display(*display),
             _ => PLAIN,
         };
-        let is_marked = frame.marks && self.doubts.value.is_some();
+        let is_marked = frame.marks && self.confidence.value.is_some();
         ShadeKey {
             object: self.id,
             paint,
@@ -299,12 +299,12 @@ impl LiveObject {
                 SidePaint::Relit(_) | SidePaint::Tau => self.relit.version,
                 SidePaint::Pinned => self.pinned.version,
                 SidePaint::Channel(_) => self.channel.version,
-                SidePaint::Doubts => self.doubts.version,
+                SidePaint::ConfidenceMap => self.confidence.version,
                 _ => 0,
             },
             eye: self.camera(frame).eye,
             space,
-            marks: is_marked.then_some(self.doubts.version),
+            marks: is_marked.then_some(self.confidence.version),
         }
     }
 
@@ -322,7 +322,7 @@ impl LiveObject {
     fn own_colors(&self, paint: SidePaint) -> Option<&[[f32; 3]]> {
         match (paint, &self.relit.value) {
             (SidePaint::Channel(view), _) => self.channel_of(view),
-            (SidePaint::Doubts, _) => self.doubts.value.as_ref().map(|d| &d.colors[..]),
+            (SidePaint::ConfidenceMap, _) => self.confidence.value.as_ref().map(|d| &d.colors[..]),
             (SidePaint::Tau, Some(Shown::Made(_, tau))) => Some(tau),
             _ => None,
         }
@@ -330,8 +330,12 @@ impl LiveObject {
 
     /// Marks that are laid over the colours.
     fn marks(&self, key: &ShadeKey) -> Option<&Marks> {
-        let doubts = self.doubts.value.as_ref().filter(|_| key.marks.is_some());
-        doubts.map(|doubts| &doubts.marks)
+        let confidence = self
+            .confidence
+            .value
+            .as_ref()
+            .filter(|_| key.marks.is_some());
+        confidence.map(|confidence| &confidence.marks)
     }
 
     /// Colours the surfels on the GPU.

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use transplat_core::bake::harmonic::{
     DIRECTION_BATCH, EDGE_ON, EMPTY, MIN_SLOPE_COSINE, SHARPNESS, TAPS,
 };
-use transplat_core::bake::patches::{
-    DIRECTIONS, PATCH_BITS, PATCHES, PER_PATCH, SURFEL_BITS, WORDS,
+use transplat_core::bake::strata::{
+    DIRECTIONS, PER_STRATUM, STRATA, STRATUM_BITS, SURFEL_BITS, WORDS,
 };
 use transplat_core::bake::trace::{MISS, NEAREST_SCALES, STACK_SCALES, START_SCALES};
 use transplat_core::color::{
@@ -28,7 +28,7 @@ use super::source::Source;
 use crate::{CHUNK, WORKGROUP};
 
 /// Patches that one dispatch of the bake for the directional method traces.
-pub const PATCH_BATCH: usize = 8;
+pub const STRATUM_BATCH: usize = 8;
 
 /// Threads that sort a block of keys.
 pub const SORT_WORKGROUP: usize = 256;
@@ -49,7 +49,7 @@ pub fn background_number(background: Background) -> u32 {
         Background::Gradient(..) => 1,
         Background::Environment => 2,
         Background::Checker | Background::Transparent => 3,
-        Background::Plate => 4,
+        Background::Backplate => 4,
     }
 }
 
@@ -86,8 +86,8 @@ pub static BAKE_HARMONIC: File = file!("bake_harmonic", |s| s
 pub static BAKE_DIRECTIONAL: File = file!("bake_directional", |s| s
     .count("WORKGROUP", WORKGROUP)
     .count("SURFEL_BITS", SURFEL_BITS)
-    .count("PER_PATCH", PER_PATCH)
-    .count("RAYS", PER_PATCH * PATCH_BATCH));
+    .count("PER_STRATUM", PER_STRATUM)
+    .count("RAYS", PER_STRATUM * STRATUM_BATCH));
 
 pub(super) static TRANSFER_HARMONIC: File = file!("transfer_harmonic", |s| s
     .count("WORKGROUP", WORKGROUP)
@@ -96,13 +96,13 @@ pub(super) static TRANSFER_HARMONIC: File = file!("transfer_harmonic", |s| s
 pub(super) static TRANSFER_DIRECTIONAL: File = file!("transfer_directional", |s| s
     .count("WORKGROUP", WORKGROUP)
     .count("DIRECTIONS", DIRECTIONS)
-    .count("PATCHES", PATCHES)
+    .count("STRATA", STRATA)
     .count("SURFEL_BITS", SURFEL_BITS)
-    .count("PATCH_BITS", PATCH_BITS)
+    .count("STRATUM_BITS", STRATUM_BITS)
     .count("OPEN_VECTORS", WORDS / 2)
     .count("MAX_SUNS", MAX_SUNS)
     .count("UNSEEN_VECTORS", CHUNK / 128)
-    .count("BEAMS", MAX_SUNS + DIRECTIONS)
+    .count("LIGHT_SAMPLES", MAX_SUNS + DIRECTIONS)
     .count("ENCODING_STORED", Encoding::Stored as u32)
     .number("MAX_STORED", MAX_STORED)
     .number("LEAST_IRRADIANCE", LEAST_IRRADIANCE)
@@ -149,7 +149,7 @@ pub static PRESENT: File = file!("present", |s| {
             number(Background::Gradient(black, black)),
         )
         .count("BACKGROUND_ENVIRONMENT", number(Background::Environment))
-        .count("BACKGROUND_PLATE", number(Background::Plate))
+        .count("BACKGROUND_PLATE", number(Background::Backplate))
         .count("CHECKER_EDGE", CHECKER_EDGE)
         .vector("CHECKER_GREYS", &CHECKER_GREYS)
         .vector("WIPE_LINE", &WIPE_LINE)

@@ -3,9 +3,9 @@
 use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
-use transplat_core::bake::patches::{DIRECTIONS, WORDS, directions};
+use transplat_core::bake::strata::{DIRECTIONS, WORDS, directions};
 use transplat_core::environment::MAX_SUNS;
-use transplat_core::settings::skips::Skip;
+use transplat_core::settings::optimizations::Optimization;
 use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::{DirectionalLight, DirectionalTransfer, TURNS, WIDTHS};
 use transplat_core::transfer::{Part, Relit};
@@ -30,7 +30,7 @@ gpu_struct! {
         suns: u32,
         start: [f32; 3],
         box_count: u32,
-        matte: f32,
+        diffuse: f32,
         mirrored: f32,
         residual: f32,
         near: f32,
@@ -43,7 +43,7 @@ gpu_struct! {
     }
 
     /// Light from one direction.
-    struct DirectionalBeam {
+    struct DirectionalLightSample {
         direction: [f32; 3],
         unused_a: u32,
         energy: [f32; 3],
@@ -65,9 +65,9 @@ gpu_struct! {
         front_mean: [f32; 3],
         width: u32,
         back_mean: [f32; 3],
-        rises: u32,
+        has_fresnel: u32,
         reflectance: [f32; 3],
-        glow: f32,
+        emission_share: f32,
         encoded_mean: [f32; 3],
         unused_b: u32,
         open: [u32; 2 * WORDS],
@@ -89,7 +89,7 @@ const MOST_BUFFERS: u32 = 8;
 /// Buffers that all chunks share.
 struct Shared {
     settings: wgpu::Buffer,
-    beams: wgpu::Buffer,
+    light_samples: wgpu::Buffer,
     directions: wgpu::Buffer,
     tables: wgpu::Buffer,
     /// Radiance of each surfel's two sides, before a bounce and after it.
@@ -144,10 +144,10 @@ impl GpuDirectional {
             .map(|d| d.extend(0.0).to_array())
             .collect();
         let tables = shader::tables(&asset.nodes).0;
-        let no_beams = [DirectionalBeam::default(); MAX_SUNS + DIRECTIONS];
+        let no_beams = [DirectionalLightSample::default(); MAX_SUNS + DIRECTIONS];
         let shared = Shared {
             settings: context.upload(&[DirectionalSettings::default()], BufferUsages::UNIFORM),
-            beams: context.upload(&no_beams, BufferUsages::UNIFORM),
+            light_samples: context.upload(&no_beams, BufferUsages::UNIFORM),
             directions: context.upload(&directions, BufferUsages::UNIFORM),
             tables: context.upload(&tables, BufferUsages::STORAGE),
             radiance: [0, 1].map(|_| context.storage(32 * n)),
@@ -226,18 +226,18 @@ impl GpuDirectional {
             suns: light.suns.len() as u32,
             start: self.prepared.mean_ratio(light.mean),
             box_count: see_suns.map_or(0, |(_, boxes)| *boxes as u32),
-            matte: f32::from(part != Part::Specular),
+            diffuse: f32::from(part != Part::Specular),
             mirrored: f32::from(part != Part::Diffuse),
             residual: f32::from(part == Part::Whole && terms.residual),
             near: f32::from(terms.bounce),
             shadow: u32::from(terms.shadow),
             two_sided: u32::from(terms.two_sided),
             trust: self.prepared.trust,
-            undamped: self.prepared.undamped(light.told_gain),
+            undamped: self.prepared.undamped(light.user_gain),
             ..Default::default()
         };
-        let mut beams = [DirectionalBeam::default(); MAX_SUNS + DIRECTIONS];
-        let (suns, sky) = beams.split_at_mut(MAX_SUNS);
+        let mut light_samples = [DirectionalLightSample::default(); MAX_SUNS + DIRECTIONS];
+        let (suns, sky) = light_samples.split_at_mut(MAX_SUNS);
         let suns = suns.iter_mut().zip(&light.suns);
         for (to, from) in suns.chain(sky.iter_mut().zip(&light.sky)) {
             to.direction = from.direction.to_array();
@@ -245,7 +245,11 @@ impl GpuDirectional {
         }
         let queue = &self.context.queue;
         queue.write_buffer(&self.shared.settings, 0, bytemuck::bytes_of(&settings));
-        queue.write_buffer(&self.shared.beams, 0, bytemuck::cast_slice(&beams));
+        queue.write_buffer(
+            &self.shared.light_samples,
+            0,
+            bytemuck::cast_slice(&light_samples),
+        );
         if let Some((see_suns, _)) = see_suns {
             self.run(see_suns);
         }
@@ -330,14 +334,14 @@ fn surfels_of(
         .map(|i| {
             let first_hit = hits.len() as u32;
             if terms.shadow && terms.bounce {
-                hits.extend(bake.sight.hits_of(i).iter().map(|h| h.0));
+                hits.extend(bake.directional_visibility.hits_of(i).iter().map(|h| h.0));
             }
             let surfel = &bake.tracer.surfels[i];
             let ([front_divisor, back_divisor], [front_mean, back_mean]) =
                 (p.divisor[i], p.asset.means[i]);
-            let gloss = &p.gloss[i];
+            let specular_lobe = &p.specular_lobe[i];
             DirectionalSurfel {
-                glow: p.glow_of(i),
+                emission_share: p.emission_share_of(i),
                 normal: bake.normals[i].to_array(),
                 two_sided: bake.two_sided[i],
                 position: surfel.position.to_array(),
@@ -349,17 +353,17 @@ fn surfels_of(
                 back_divisor,
                 end_hit: hits.len() as u32,
                 front_mean,
-                width: match gloss.is_matte() {
-                    true if p.settings.skips.has(Skip::Matte) => 0,
+                width: match specular_lobe.is_diffuse() {
+                    true if p.settings.optimizations.has(Optimization::DiffuseSurfels) => 0,
                     true => WIDTHS[0],
-                    false => gloss.width,
+                    false => specular_lobe.width,
                 },
                 back_mean,
-                rises: u32::from(gloss.rises),
-                reflectance: gloss.reflectance,
+                has_fresnel: u32::from(specular_lobe.has_fresnel),
+                reflectance: specular_lobe.reflectance,
                 encoded_mean: p.encoded_mean[i],
                 open: if terms.shadow {
-                    bytemuck::cast(*bake.sight.open_of(i))
+                    bytemuck::cast(*bake.directional_visibility.open_of(i))
                 } else {
                     [u32::MAX; 2 * WORDS]
                 },
@@ -377,7 +381,7 @@ struct Chunk {
     parameters: wgpu::Buffer,
     surfels: wgpu::Buffer,
     hits: wgpu::Buffer,
-    matte: wgpu::Buffer,
+    diffuse: wgpu::Buffer,
     residual: wgpu::Buffer,
     /// Stored colour, where a surfel has two sides.
     stored: wgpu::Buffer,
@@ -391,11 +395,11 @@ impl Chunk {
     fn upload(context: &Context, p: &DirectionalTransfer, first: usize, count: usize) -> Self {
         let k = coefficient_count(p.asset.nodes.degree);
         let q = p.asset.nodes.count();
-        let (mut matte, mut residual) = (vec![[0f32; 3]; count * q], vec![[0f32; 3]; count * k]);
-        let rows = matte.par_chunks_exact_mut(q);
+        let (mut diffuse, mut residual) = (vec![[0f32; 3]; count * q], vec![[0f32; 3]; count * k]);
+        let rows = diffuse.par_chunks_exact_mut(q);
         let rows = rows.zip(residual.par_chunks_exact_mut(k)).enumerate();
-        rows.for_each_init(Vec::new, |read, (at, (matte, residual))| {
-            matte.copy_from_slice(&p.matte_of(first + at, read));
+        rows.for_each_init(Vec::new, |read, (at, (diffuse, residual))| {
+            diffuse.copy_from_slice(&p.diffuse_of(first + at, read));
             residual.copy_from_slice(p.residual_of(first + at, read));
         });
         let (surfels, hits) = surfels_of(p, first, count);
@@ -412,7 +416,7 @@ impl Chunk {
             parameters: context.upload(&[parameters], BufferUsages::UNIFORM),
             surfels: context.upload(&surfels, storage),
             hits: context.upload(&hits, storage),
-            matte: context.upload(&matte, storage),
+            diffuse: context.upload(&diffuse, storage),
             residual: context.upload(&residual, storage),
             stored: context.upload(&p.asset.sh[first * k..][..of_two_sides], storage),
             irradiance: context.storage(32 * count),
@@ -434,14 +438,14 @@ impl Chunk {
         let all = [
             ("chunk", &self.parameters),
             ("settings", &shared.settings),
-            ("beams", &shared.beams),
+            ("light_samples", &shared.light_samples),
             ("directions", &shared.directions),
             ("tables", &shared.tables),
             ("radiance", &shared.radiance[from]),
             ("next_radiance", &shared.radiance[1 - from]),
             ("surfels", &self.surfels),
             ("hits", &self.hits),
-            ("matte", &self.matte),
+            ("diffuse", &self.diffuse),
             ("residual", &self.residual),
             ("stored", &self.stored),
             ("irradiance", &self.irradiance),

@@ -156,7 +156,7 @@ pub(super) fn parse_background(text: &str) -> Result<Background, String> {
         "transparent" => Background::Transparent,
         "environment" => Background::Environment,
         "checker" => Background::Checker,
-        "plate" => Background::Plate,
+        "plate" => Background::Backplate,
         "black" => Background::Color([0.0; 3]),
         "white" => Background::Color([1.0; 3]),
         _ => {

@@ -16,7 +16,7 @@ use transplat_core::files::{
     folder_of, load_cameras, load_environment_as, load_json, load_look, look_text, write_atomically,
 };
 use transplat_core::scene::{is_estimate, is_file};
-use transplat_core::settings::skips::Skips;
+use transplat_core::settings::optimizations::Optimizations;
 
 use crate::cli::{
     AssetArgs, AssetOptions, BakeArgs, CameraArgs, CaptureArgs, LightArgs, OutputArgs, RenderArgs,
@@ -75,7 +75,7 @@ struct Captured {
 }
 
 /// A picture to be drawn.
-struct Picture {
+struct Image {
     splat: usize,
     /// Index of the light; none as captured, or by the light of a look.
     light: Option<usize>,
@@ -88,9 +88,9 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
     let lights = batch.lights()?;
     let names = stems("splat", batch.splats.iter().map(Splat::asset))?;
     let all = batch.pictures(lights.len(), args)?;
-    let light_of = |p: &Picture| p.light.map_or("", |at| &*lights[at].0);
+    let light_of = |p: &Image| p.light.map_or("", |at| &*lights[at].0);
     let extension = args.format.map_or("png", |f| f.extension());
-    let is_there = |p: &Picture| {
+    let is_there = |p: &Image| {
         let folder = args.output.join(&names[p.splat]).join(light_of(p));
         let picture = folder.join(format!("{:03}.{extension}", p.frame));
         picture.is_file()
@@ -99,7 +99,7 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
     let [part, of] = args.part.unwrap_or([1, 1]);
     // Those of one splat and light lie together: a part prepares few.
     let mine = &all[all.len() * (part - 1) / of..all.len() * part / of];
-    let missing: Vec<&Picture> = mine.iter().filter(|p| !is_there(p)).collect();
+    let missing: Vec<&Image> = mine.iter().filter(|p| !is_there(p)).collect();
     // What is wrong with one splat or light is not to keep the others from being drawn.
     let mut failed = Vec::new();
     let mut bad_lights = HashSet::new();
@@ -121,8 +121,8 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
     let mut written = 0;
     for of_splat in missing.chunk_by(|a, b| a.splat == b.splat) {
         let at = of_splat[0].splat;
-        let is_good = |p: &&&Picture| p.light.is_none_or(|light| !bad_lights.contains(&light));
-        let good: Vec<&Picture> = of_splat.iter().filter(is_good).copied().collect();
+        let is_good = |p: &&&Image| p.light.is_none_or(|light| !bad_lights.contains(&light));
+        let good: Vec<&Image> = of_splat.iter().filter(is_good).copied().collect();
         if good.is_empty() {
             continue;
         }
@@ -250,7 +250,7 @@ impl Batch {
     }
 
     /// All pictures, those of one splat and light one after the other.
-    fn pictures(&self, lights: usize, args: &RenderArgs) -> Result<Vec<Picture>> {
+    fn pictures(&self, lights: usize, args: &RenderArgs) -> Result<Vec<Image>> {
         let camera = self.camera(args);
         let of_all = match (&camera.cameras, camera.eye) {
             (Some(cameras), _) => Some(load_cameras(cameras)?.frames.len()),
@@ -275,7 +275,7 @@ impl Batch {
                 bail!("a batch of more than {MOST_PICTURES} pictures; make several of it");
             }
             for light in lights.iter().copied() {
-                let of_frame = |frame| Picture {
+                let of_frame = |frame| Image {
                     splat,
                     light,
                     frame,
@@ -430,7 +430,7 @@ fn kept_bake(args: &RenderArgs, name: &str, summary: &mut Summary) -> Result<Opt
     let is_plain = first.outside_from.is_empty()
         && first.cut.is_empty()
         && scene.objects.len() == 1
-        && scene.transfer.skips == Skips::default();
+        && scene.transfer.optimizations == Optimizations::default();
     if !is_plain || !args.view.unwrap_or(scene.view).needs_relit() {
         return Ok(None);
     }

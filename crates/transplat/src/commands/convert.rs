@@ -1,7 +1,7 @@
 //! `transplat convert`: a splat in another format, its colour as it is.
 
 use anyhow::Result;
-use transplat_core::files::{check_output, load_asset, losses, write_relit};
+use transplat_core::files::{check_output, load_splat, losses, write_relit};
 
 use crate::cli::ConvertArgs;
 use crate::commands::{called_as_a_splat, refuse_overwriting};
@@ -13,7 +13,7 @@ pub fn run(args: &ConvertArgs) -> Result<()> {
     refuse_overwriting([args.asset.as_path()], &[&args.output])?;
     let format = called_as_a_splat(&args.output)?;
     check_output(&args.output)?;
-    let (mut cloud, file) = summary.time("load", || load_asset(&args.asset))?;
+    let (mut cloud, file) = summary.time("load", || load_splat(&args.asset))?;
     for warning in asset_warnings(&args.asset, &file) {
         summary.warn(warning);
     }

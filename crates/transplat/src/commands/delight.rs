@@ -62,7 +62,7 @@ pub fn run(args: &DelightArgs) -> Result<()> {
         let count = (0..delit.materials.each.len()).filter(|i| is(*i)).count();
         count as f32 / delit.materials.each.len().max(1) as f32
     };
-    let glowing = share(&|i| delit.materials.each[i].glow > 0.5);
+    let emissive = share(&|i| delit.materials.each[i].emission_share > 0.5);
     let metallic = share(&|i| delit.materials.each[i].metallic > 0.5);
     let (whitest, gain) = (delit.materials.whitest, delit.materials.gain);
     if let Some(lost) = losses(&asset.file, &delit.cloud, &args.output) {
@@ -71,9 +71,9 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     summary.time("export", || {
         delit.write(&asset.file, args.materials, &args.output)
     })?;
-    summary.set("light_told", delit.light_told);
+    summary.set("light_told", delit.light_is_known);
     summary.set("whitest_albedo", whitest * gain);
-    summary.set("glowing_share", glowing);
+    summary.set("glowing_share", emissive);
     summary.set("metallic_share", metallic);
     summary.set("output", args.output.display().to_string());
     summary.finish(&format!(
@@ -81,6 +81,6 @@ pub fn run(args: &DelightArgs) -> Result<()> {
         args.output.display(),
         whitest * gain,
         100.0 * metallic,
-        100.0 * glowing
+        100.0 * emissive
     ))
 }

@@ -24,13 +24,13 @@ use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use super::settings::{asset_of, assets_of, targets_of};
 use crate::cli::{AssetArgs, LightArgs};
 use crate::summary::{Summary, progress_bar};
-use transplat_engine::asset::Asset;
 use transplat_engine::device::{Device, Transfer};
 use transplat_engine::environments::{Environment, not_environments};
 use transplat_engine::estimate::{estimate_as_json, estimate_in_words, why_not};
 use transplat_engine::jobs::{Kind, Watch, Work};
 use transplat_engine::names::name_of;
 use transplat_engine::project::Project;
+use transplat_engine::splat::Splat;
 use transplat_engine::warnings::{
     AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE, ambiguous_warning, map_warnings, noise_warning,
     up_warning, up_warning_by_cameras,
@@ -98,20 +98,20 @@ impl Headless {
     }
 
     /// The objects that are loaded: those that are shown, and the first one in any case.
-    fn used(&self) -> impl Iterator<Item = (&Object, &Asset)> {
+    fn used(&self) -> impl Iterator<Item = (&Object, &Splat)> {
         let each = self.project.scene.objects.iter().zip(&self.project.states);
         each.filter_map(|(object, state)| Some((object, state.asset.as_ref()?)))
     }
 
     /// The objects that are shown.
-    pub fn shown(&self) -> impl Iterator<Item = (&Object, &Asset)> + Clone {
+    pub fn shown(&self) -> impl Iterator<Item = (&Object, &Splat)> + Clone {
         self.project
             .shown()
             .map(|(_, object, asset)| (object, asset))
     }
 
     /// The first object, in whose coordinates the scene is.
-    pub fn first(&self) -> (&Object, &Asset) {
+    pub fn first(&self) -> (&Object, &Splat) {
         self.used().next().expect("it is loaded")
     }
 
@@ -266,7 +266,7 @@ impl Headless {
         self.project.requested.bakes = true;
         self.settle(summary)?;
         let bake = self.project.shown_bake().context("the objects are baked")?;
-        summary.skipped(bake.left_out());
+        summary.skipped(bake.skipped_work());
         summary.set("preset", bake.method().preset());
         summary.set("directions", bake.directions());
         summary.set("bake_bytes_per_surfel", bake.bytes() / bake.len().max(1));
@@ -320,7 +320,7 @@ impl Headless {
         }
         summary.set("dark_share", prepared.dark_share());
         self.report_ignored(summary);
-        summary.skipped(prepared.left_out(&self.cloud));
+        summary.skipped(prepared.skipped_work(&self.cloud));
         Ok((prepared, bake))
     }
 
@@ -407,7 +407,7 @@ impl Headless {
         light: &Illumination,
         summary: &mut Summary,
     ) {
-        summary.skipped(prepared.left_out_for(light, on_gpu));
+        summary.skipped(prepared.skipped_work_for(light, on_gpu));
         if light.is_black() {
             summary.warn(format!(
                 "{name}: the target light is black, and so is the result"
@@ -480,7 +480,7 @@ fn stage_of(kind: Kind) -> &'static str {
 }
 
 /// Warns of what is odd about a splat.
-fn report_asset(object: &Object, asset: &Asset, summary: &mut Summary) {
+fn report_asset(object: &Object, asset: &Splat, summary: &mut Summary) {
     for warning in &asset.warnings {
         summary.warn(warning.clone());
     }
@@ -505,7 +505,7 @@ fn report_asset(object: &Object, asset: &Asset, summary: &mut Summary) {
 }
 
 /// Warns of a splat that lies on its side by its cameras, unless its up axis is explicit.
-pub fn up_warning_of(object: &Object, asset: &Asset, cameras: &CameraFile) -> Option<String> {
+pub fn up_warning_of(object: &Object, asset: &Splat, cameras: &CameraFile) -> Option<String> {
     let is_explicit = asset.file.report.up.is_some() || object.up.is_some();
     let warning = || up_warning_by_cameras(&asset.path, asset.file_up, cameras);
     (!is_explicit).then(warning).flatten()

@@ -8,8 +8,8 @@ use transplat_core::color::luminance;
 use transplat_core::crop::proposed_crop;
 use transplat_core::environment::{ImageReading, project_environment};
 use transplat_core::files::{
-    AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_cameras,
-    load_environment_as, load_look, load_lut, load_rig, look_text,
+    FileKind, SplatFile, SplatKind, file_kind, inspect_bake, load_cameras, load_environment_as,
+    load_look, load_lut, load_rig, load_splat, look_text,
 };
 use transplat_core::lut::Table;
 use transplat_core::numeric::quantile;
@@ -44,7 +44,7 @@ pub fn run(args: &InfoArgs) -> Result<()> {
                 let estimate = headless.estimate_first(None, &mut summary)?;
                 lines.push(estimate_in_words(&estimate, headless.cloud.up));
             } else {
-                let (cloud, file) = summary.time("load", || load_asset(path))?;
+                let (cloud, file) = summary.time("load", || load_splat(path))?;
                 asset(&cloud, &file, &mut summary, &mut lines);
                 if let Some(warning) = up_warning(path, &cloud, &file) {
                     summary.warn(warning);
@@ -215,11 +215,11 @@ fn look(scene: &Scene, summary: &mut Summary, lines: &mut Vec<String>) {
     lines.push("all its settings: --json".into());
 }
 
-fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &mut Vec<String>) {
+fn asset(cloud: &SurfelCloud, file: &SplatFile, summary: &mut Summary, lines: &mut Vec<String>) {
     let found = &file.report;
     let kind = match found.kind {
-        AssetKind::Surfels2d => "2DGS",
-        AssetKind::Gaussians3d => "3DGS",
+        SplatKind::Surfels2d => "2DGS",
+        SplatKind::Gaussians3d => "3DGS",
     };
     let bounds = cloud.bounds();
     summary.set("kind", kind);
@@ -233,14 +233,14 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
         summary.set("origin", cloud.origin.to_array().to_vec());
     }
     summary.set("radius", bounds.radius);
-    summary.set("left_out", found.left_out.len());
+    summary.set("left_out", found.skipped_work.len());
     summary.set("properties", found.properties.clone());
     summary.set("comments", found.comments.clone());
     lines.push(format!(
         "{kind} splat in {}, {} {}, SH degree {}",
         found.format,
         cloud.len(),
-        if found.kind == AssetKind::Surfels2d {
+        if found.kind == SplatKind::Surfels2d {
             "surfels"
         } else {
             "Gaussians"

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use transplat_core::bake::Bake;
-use transplat_core::bake::patches::DIRECTIONS;
+use transplat_core::bake::strata::DIRECTIONS;
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::estimate::estimate_light;
 use transplat_core::files::{check_output, write_environment};
@@ -20,12 +20,12 @@ use super::settings::{assets_of, look_of, with_scene_as_look};
 use crate::cli::{LightArgs, ProbeArgs, usage};
 use crate::commands::refuse_overwriting;
 use crate::summary::Summary;
-use transplat_engine::bake::{self, Wanted};
+use transplat_engine::bake::{self, BakeRequest};
 use transplat_engine::device::Painter;
 use transplat_engine::environments::SKY_COLUMNS;
 use transplat_engine::names::{as_file_name, distinct_names, name_of};
 use transplat_engine::output::make_folder;
-use transplat_engine::picture::light_at;
+use transplat_engine::render::light_at;
 use transplat_engine::words::percent;
 
 /// Share of the sphere that may be open before it is worth a warning that nothing is known of it.
@@ -232,11 +232,11 @@ fn estimated_near(
     let reach = FAR * *median;
     let taken: Vec<usize> = (0..cloud.len()).filter(|i| distance(*i) < reach).collect();
     let scene = &headless.project.scene;
-    let wanted = Wanted {
+    let wanted = BakeRequest {
         cloud: Arc::new(cloud.selected(&taken)),
         method: Method::Directional,
         directions: DIRECTIONS,
-        skips: scene.transfer.skips,
+        optimizations: scene.transfer.optimizations,
         part_of: None,
         beside: None,
     };

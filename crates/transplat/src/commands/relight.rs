@@ -16,10 +16,10 @@ use super::settings::{assets_of, check_objects, look_of, targets_of, with_scene_
 use crate::cli::{RelightArgs, usage};
 use crate::commands::refuse_overwriting;
 use crate::summary::Summary;
-use transplat_engine::asset::Asset;
 use transplat_engine::device::Transfer;
 use transplat_engine::names::{as_file_name, distinct_names, name_of};
 use transplat_engine::output::make_folder;
+use transplat_engine::splat::Splat;
 
 pub fn run(args: &RelightArgs) -> Result<()> {
     let mut summary = Summary::new("relight", &args.out);
@@ -130,7 +130,7 @@ fn endings(assets: &[PathBuf]) -> impl Iterator<Item = &'static str> {
         .map(move |asset| ending(asset).unwrap_or(".ply"))
 }
 
-fn warn_of_losses(asset: &Asset, path: &Path, summary: &mut Summary) {
+fn warn_of_losses(asset: &Splat, path: &Path, summary: &mut Summary) {
     if let Some(lost) = losses(&asset.file, &asset.cloud, path) {
         summary.warn(format!("{}: {lost}", path.display()));
     }

@@ -10,11 +10,11 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 use transplat_core::bake::Bake;
 use transplat_core::camera::CameraPose;
-use transplat_core::files::{check_folder, check_output, load_lut, load_plate};
+use transplat_core::files::{check_folder, check_output, load_backplate, load_lut};
 use transplat_core::present::{Background, View};
 use transplat_core::progress::no_progress;
 use transplat_core::scene::{EVEN, MOST_FRAMES, Scene};
-use transplat_core::settings::skips::{Skip, Skipped};
+use transplat_core::settings::optimizations::{Optimization, SkippedWork};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::headless::{Headless, Target};
@@ -24,11 +24,11 @@ use crate::commands::refuse_overwriting;
 use crate::summary::Summary;
 use frames::{Frame, frames, photographs};
 use transplat_engine::device::Transfer;
-use transplat_engine::film::FilmFormat;
 use transplat_engine::layers::Layers;
 use transplat_engine::output::{ImageFormat, Sink, make_folder};
-use transplat_engine::picture::{Lit, Studio};
+use transplat_engine::render::{Lit, Studio};
 use transplat_engine::shot::{self, Backdrops, LayerFiles};
+use transplat_engine::video::VideoFormat;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
     if args.part.is_some() {
@@ -37,7 +37,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let mut summary = Summary::new("render", &args.out);
     let written = draw(args, None, &mut summary)?;
     summary.set("pictures", written);
-    let what = match FilmFormat::of(&args.output) {
+    let what = match VideoFormat::of(&args.output) {
         Some(_) if args.output.is_file() => format!("{written} frames"),
         _ => pictures_in_words(written),
     };
@@ -67,7 +67,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     }
     if args.layers {
         // What is behind it is the compositor's, but for a photograph that is a layer itself.
-        if scene.background != Background::Plate {
+        if scene.background != Background::Backplate {
             scene.background = Background::Transparent;
         }
     }
@@ -230,9 +230,9 @@ pub fn settings(args: &RenderArgs) -> Result<Scene> {
     put(&mut scene.background, args.background);
     if let Some(plate) = &args.plate {
         scene.plate = Some(plate.clone());
-        scene.background = Background::Plate;
+        scene.background = Background::Backplate;
     }
-    if scene.background == Background::Plate && scene.plate.is_none() {
+    if scene.background == Background::Backplate && scene.plate.is_none() {
         return usage("--background plate needs a photograph: --plate, or the plate in the look");
     }
     put(&mut scene.display.tone_map, args.tone_map);
@@ -261,8 +261,8 @@ impl<'a> Output<'a> {
         let extension = path.extension().unwrap_or_default().to_string_lossy();
         let named = PictureFormat::from_str(&extension, true).ok();
         let is_folder = path.is_dir() || path.to_string_lossy().ends_with('/');
-        let is_film = FilmFormat::of(path).is_some() && !is_folder;
-        let is_file = is_film || named.is_some() && !is_folder;
+        let is_video = VideoFormat::of(path).is_some() && !is_folder;
+        let is_file = is_video || named.is_some() && !is_folder;
         let is_other = OTHER_PICTURES.contains(&&*extension.to_lowercase());
         if is_other && !is_folder {
             bail!(
@@ -270,16 +270,16 @@ impl<'a> Output<'a> {
                 path.display()
             );
         }
-        if is_film && targets > 1 {
+        if is_video && targets > 1 {
             bail!(
                 "{}: {targets} targets do not fit into one film; make one of each",
                 path.display()
             );
         }
-        if is_film && (args.layers || args.format == Some(PictureFormat::Exr)) {
+        if is_video && (args.layers || args.format == Some(PictureFormat::Exr)) {
             return usage("a film holds display values: neither --layers nor --format exr");
         }
-        if is_file && !is_film && frames * targets.max(1) > 1 {
+        if is_file && !is_video && frames * targets.max(1) > 1 {
             bail!(
                 "{}: {} pictures do not fit into one file; give a folder",
                 path.display(),
@@ -369,13 +369,13 @@ impl RenderRun<'_> {
         let place = alone.transpose()?.flatten();
         for target in targets {
             let light = self.headless.light_by(target, summary)?;
-            let skips = &self.headless.project.scene.transfer.skips;
-            let unseen = if skips.has(Skip::Unseen) {
+            let optimizations = &self.headless.project.scene.transfer.optimizations;
+            let unseen = if optimizations.has(Optimization::Unseen) {
                 self.studio.hidden.clone()
             } else {
                 Vec::new()
             };
-            summary.skipped(Skipped::of_unseen(&unseen));
+            summary.skipped(SkippedWork::of_unseen(&unseen));
             if self.args.animation {
                 let by = (prepared, &mut transfer, &**bake);
                 written += self.animate(by, target, &unseen, summary)?;
@@ -485,7 +485,7 @@ impl RenderRun<'_> {
         let middle = cloud.bounds().center;
         let factor = usize::from(self.args.supersample);
         for frame in self.frames {
-            self.set_plate(frame, summary)?;
+            self.set_backplate(frame, summary)?;
             look.camera = Some(CameraPose::of(&frame.camera, cloud.up, middle));
             look.plate = frame.plate.clone().or(look.plate);
             let path = self.output.picture(name, frame.number);
@@ -502,9 +502,9 @@ impl RenderRun<'_> {
     }
 
     /// Puts the frame's photograph behind it, where there is one.
-    fn set_plate(&mut self, frame: &Frame, summary: &mut Summary) -> Result<()> {
-        if frame.plate != self.plate && self.studio.scene.background == Background::Plate {
-            let photograph = frame.plate.as_ref().map(|path| load_plate(path));
+    fn set_backplate(&mut self, frame: &Frame, summary: &mut Summary) -> Result<()> {
+        if frame.plate != self.plate && self.studio.scene.background == Background::Backplate {
+            let photograph = frame.plate.as_ref().map(|path| load_backplate(path));
             self.studio.plate = photograph.transpose()?;
             if let (Some(plate), Some(path)) = (&self.studio.plate, &frame.plate) {
                 for warning in &plate.warnings {
@@ -556,7 +556,7 @@ impl RenderRun<'_> {
         sink: &mut Sink,
         summary: &mut Summary,
     ) -> Result<()> {
-        self.set_plate(frame, summary)?;
+        self.set_backplate(frame, summary)?;
         let path = self.output.picture(target, frame.number);
         let factor = usize::from(self.args.supersample);
         let raster = summary.time("rasterize", || {

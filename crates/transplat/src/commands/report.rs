@@ -179,7 +179,7 @@ fn bundled_objects() -> Result<Vec<TruthObject>> {
 fn subject(args: &ReportArgs, device: &Device, summary: &mut Summary) -> Result<Subject> {
     let Some(asset) = &args.asset else {
         let object = bundled_objects()?.swap_remove(0);
-        let (cloud, _) = transplat_core::files::load_asset(&object.asset)?;
+        let (cloud, _) = transplat_core::files::load_splat(&object.asset)?;
         let cloud = Arc::new(cloud);
         let target = object.targets.first().context("a light with truth")?;
         return Ok(Subject {

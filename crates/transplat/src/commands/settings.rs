@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use glam::DVec3;
 use transplat_core::files::{FileKind, check_readable, file_kind, load_look, load_rig};
 use transplat_core::scene::{EVEN, EnvironmentLight, Scene, moved_lights};
-use transplat_core::settings::skips::Skips;
+use transplat_core::settings::optimizations::Optimizations;
 
 use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
 use transplat_engine::environments::environments_in;
@@ -46,10 +46,10 @@ pub fn check_objects(args: &AssetArgs, scene: &Scene, is_relit: bool) -> Result<
             _ => found.with_context(|| format!("the splat of {}", name_of(object, asset)))?,
         }
     }
-    let (told, untold): (Vec<_>, Vec<_>) = shown()
+    let (told, unset): (Vec<_>, Vec<_>) = shown()
         .zip(&assets)
         .partition(|(object, _)| object.source.file.is_some());
-    if let (true, false, Some((object, asset))) = (is_relit, told.is_empty(), untold.first()) {
+    if let (true, false, Some((object, asset))) = (is_relit, told.is_empty(), unset.first()) {
         return usage(&format!(
             "{}: what it was captured under is missing: \"source\": {{\"file\": ENV|\"estimate\"}} in the look; of the first object --source tells it, too",
             name_of(object, asset)
@@ -107,7 +107,7 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
         light.capture.glow_above.map(|g| g as f32),
     );
     if light.capture.compute_all {
-        transfer.skips = Skips::NONE;
+        transfer.optimizations = Optimizations::NONE;
     }
     for name in &light.capture.without {
         let without = transfer.clone().without(name);

@@ -60,7 +60,7 @@ impl Viewer {
             }
             self.act(action, fine);
         }
-        for (number, path) in (1..=9).zip(&self.shelf.paths) {
+        for (number, path) in (1..=9).zip(&self.light_library.paths) {
             let key = Key::from_name(&number.to_string());
             let is_pressed = |k| context.input_mut(|i| i.consume_key(egui::Modifiers::NONE, k));
             if key.is_some_and(is_pressed) {
@@ -92,7 +92,9 @@ impl Viewer {
             Action::Orthographic => {
                 session.project.pose.orthographic = !session.project.pose.orthographic
             }
-            Action::Front => navigation::look_from(&mut session.project.pose, navigation::FRONT),
+            Action::OutwardSide => {
+                navigation::look_from(&mut session.project.pose, navigation::FRONT)
+            }
             Action::Right => navigation::look_from(&mut session.project.pose, navigation::RIGHT),
             Action::Top => navigation::look_from(&mut session.project.pose, navigation::TOP),
             Action::NextCompare => {

@@ -3,7 +3,9 @@
 use eframe::egui::{self, Align2, Color32, Painter, Pos2, Rect, Stroke, Ui};
 use glam::Vec3;
 use transplat_core::camera::Camera;
-use transplat_core::present::{Doubt, FALSE_COLORS, NO_DOUBT, View, glow_color, tau_colors};
+use transplat_core::present::{
+    FALSE_COLORS, LowConfidence, NO_DOUBT, View, emission_color, tau_colors,
+};
 
 use super::session::Session;
 use transplat_engine::language::{tr, tr_format};
@@ -96,8 +98,8 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
         };
         return stops.into_iter().zip(colors).map(entry).collect();
     }
-    if view == View::Glow {
-        let entry = |(share, text): (f32, &str)| (encoded(glow_color(share)), text.into());
+    if view == View::Emission {
+        let entry = |(share, text): (f32, &str)| (encoded(emission_color(share)), text.into());
         let entries = [
             (1.0, tr("shines by itself")),
             (0.5, tr("half")),
@@ -105,15 +107,19 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
         ];
         return entries.map(entry).into();
     }
-    if view == View::Doubts || session.overlays.marks {
-        let doubts = session.state().doubts.get();
-        let shares = doubts.map(|d| d.shares).unwrap_or_default();
-        let entry = |(doubt, share): (&Doubt, f32)| {
-            let text = format!("{} ({:.1} %)", doubt_name(*doubt), 100.0 * share);
-            (encoded(doubt.color()), text)
+    if view == View::Confidence || session.overlays.marks {
+        let confidence = session.state().confidence.get();
+        let shares = confidence.map(|d| d.shares).unwrap_or_default();
+        let entry = |(low_confidence, share): (&LowConfidence, f32)| {
+            let text = format!(
+                "{} ({:.1} %)",
+                low_confidence_name(*low_confidence),
+                100.0 * share
+            );
+            (encoded(low_confidence.color()), text)
         };
-        let mut entries: Vec<_> = Doubt::ALL.iter().zip(shares).map(entry).collect();
-        if view == View::Doubts {
+        let mut entries: Vec<_> = LowConfidence::ALL.iter().zip(shares).map(entry).collect();
+        if view == View::Confidence {
             entries.push((encoded(NO_DOUBT), tr("nothing doubtful").into()));
         }
         return entries;
@@ -201,12 +207,12 @@ pub fn mark_surfel(ui: &Ui, rect: Rect, session: &Session, camera: &Camera, surf
 }
 
 /// A doubt's name for the user.
-pub fn doubt_name(doubt: Doubt) -> &'static str {
-    match doubt {
-        Doubt::LeftOut => tr("left out: broken or too faint"),
-        Doubt::DarkSource => tr("dark in the light of the capture"),
-        Doubt::Clipped => tr("captured clipped at white"),
-        Doubt::AtLimit => tr("ratio beyond 3 stops"),
-        Doubt::AmbiguousNormal => tr("ambiguous normal"),
+pub fn low_confidence_name(low_confidence: LowConfidence) -> &'static str {
+    match low_confidence {
+        LowConfidence::LeftOut => tr("left out: broken or too faint"),
+        LowConfidence::DarkSource => tr("dark in the light of the capture"),
+        LowConfidence::Clipped => tr("captured clipped at white"),
+        LowConfidence::AtLimit => tr("ratio beyond 3 stops"),
+        LowConfidence::AmbiguousNormal => tr("ambiguous normal"),
     }
 }

@@ -9,30 +9,30 @@ use transplat_core::files::{
     FileKind, SplatFormat, check_folder, file_kind, file_of, is_same_file, load_look,
 };
 use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
-use transplat_core::settings::skips::{Skip, Skipped, Stage};
+use transplat_core::settings::optimizations::{Optimization, SkippedWork, Stage};
 use transplat_gpu::Context;
 
 use super::export;
 use super::export::task::{ExportSettings, Task};
 use super::files::{PathField, ask};
 use super::history::History;
-use super::kept::Pictures;
+use super::kept::Thumbnails;
+use super::light_library::LightLibrary;
 use super::light_map::LightMap;
 use super::preferences::Preferences;
 use super::probes::Probe;
 use super::session::{Dialog, Event, SaveKind, Session};
-use super::shelf::Shelf;
 use super::style;
 use super::tabs::LightPage;
 use super::timeline::Timeline;
 use super::viewport::Viewport;
 use super::widgets::Grab;
-use transplat_engine::asset::OpenedWith;
 use transplat_engine::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use transplat_engine::delight::DelitAs;
 use transplat_engine::environments::{environments_in, not_environments};
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::project::{SOURCE, TARGET};
+use transplat_engine::splat::OpenedWith;
 use transplat_engine::words::of_error;
 use transplat_eval::savings::Saved;
 
@@ -88,9 +88,9 @@ pub struct Viewer {
     pub(super) preferences: Preferences,
     pub(super) viewport: Viewport,
     pub(super) directions_draft: Option<usize>,
-    pub(super) shelf: Shelf,
+    pub(super) light_library: LightLibrary,
     /// Thumbnails of kept looks and views.
-    pub(super) pictures: Pictures,
+    pub(super) pictures: Thumbnails,
     pub(super) history: History,
     pub(super) probes: [Option<Probe>; 2],
     pub(super) maps: [LightMap; 2],
@@ -163,11 +163,11 @@ impl Viewer {
         );
         session.overlays.grid = preferences.grid;
         let mut viewer = Self {
-            shelf: Shelf::default(),
+            light_library: LightLibrary::default(),
             session,
             viewport: Viewport::default(),
             directions_draft: None,
-            pictures: Pictures::default(),
+            pictures: Thumbnails::default(),
             history: History::default(),
             probes: [None, None],
             maps: Default::default(),
@@ -217,13 +217,13 @@ impl Viewer {
         }
         let lights = BUNDLED_LIGHTS.iter().filter_map(|name| bundled(name));
         let lights: Vec<PathBuf> = lights.collect();
-        let kept = self.preferences.shelf.clone();
+        let kept = self.preferences.light_library.clone();
         for path in kept.as_ref().unwrap_or(&lights) {
             // What is on a disk that is not there now comes back with it.
             if path.is_file() {
-                self.shelf.add(&mut self.session, path);
+                self.light_library.add(&mut self.session, path);
             } else {
-                self.shelf.absent.push(path.clone());
+                self.light_library.absent.push(path.clone());
             }
         }
         let is_named = !startup.files.is_empty() || startup.settings.is_some();
@@ -260,8 +260,8 @@ impl Viewer {
         // A look beside a splat is for that splat.
         scene.objects.truncate(1);
         let by_look = startup.files.iter().any(|f| is(f, is_look));
-        let is_told = scene.objects[self.session.selected].asset.is_some();
-        let nothing_named = splat.is_none() && !is_told && !by_look;
+        let is_explicit = scene.objects[self.session.selected].asset.is_some();
+        let nothing_named = splat.is_none() && !is_explicit && !by_look;
         let first = match nothing_named {
             true => bundled(BUNDLED_FIRST_LIGHT),
             false => lights.get(1).cloned(),
@@ -283,7 +283,7 @@ impl Viewer {
             Some(asset) => {
                 (self.session)
                     .project
-                    .load_asset(self.session.selected, asset, opened_with)
+                    .load_splat(self.session.selected, asset, opened_with)
             }
             None if nothing_named => self.session.error(tr(
                 "the bundled scene is not installed; drop a splat on the window",
@@ -320,7 +320,7 @@ impl Viewer {
                 )),
                 Ok(inside) => {
                     for light in inside {
-                        self.shelf.add(&mut self.session, &light);
+                        self.light_library.add(&mut self.session, &light);
                     }
                     if let Some(skipped) = not_environments(&path) {
                         self.session.info(skipped);
@@ -338,7 +338,7 @@ impl Viewer {
             }
             if kind.is_environment() {
                 self.session.project.environments.request_again(&path);
-                self.shelf.add(&mut self.session, &path);
+                self.light_library.add(&mut self.session, &path);
             }
         }
         self.session.open(&path);
@@ -363,7 +363,7 @@ impl Viewer {
         }
         let at = context.pointer_latest_pos();
         let slot = [SOURCE, TARGET].into_iter().find(|side| {
-            self.shelf.slots[*side]
+            self.light_library.slots[*side]
                 .zip(at)
                 .is_some_and(|(rect, at)| rect.contains(at))
         });
@@ -375,7 +375,7 @@ impl Viewer {
         self.open_all(others);
         for (path, side) in lights.into_iter().zip(slot.into_iter().cycle()) {
             self.session.project.environments.request_again(&path);
-            self.shelf.add(&mut self.session, &path);
+            self.light_library.add(&mut self.session, &path);
             self.session.set_light(side, path);
         }
     }
@@ -436,7 +436,7 @@ impl Viewer {
                 self.preferences.export.folder = path.display().to_string();
                 return;
             }
-            SaveKind::Plate => return self.session.project.set_plate(path.to_owned()),
+            SaveKind::Backplate => return self.session.project.set_backplate(path.to_owned()),
             SaveKind::Lut => return self.session.project.open_lut(path.to_owned()),
             SaveKind::OpenRig => return self.session.open_rig(path),
             _ => {}
@@ -463,7 +463,7 @@ impl Viewer {
         let open = self.session.project.open_files();
         let is_open = open
             .iter()
-            .chain(&self.shelf.paths)
+            .chain(&self.light_library.paths)
             .any(|p| is_same_file(p, &path));
         if path.exists() && is_open {
             self.session.error(tr_format!(
@@ -527,7 +527,12 @@ impl Viewer {
             let session = &self.session;
             self.asked_preview = Some((session.project.scene.clone(), session.project.pose));
         }
-        export::start(&mut self.session, &self.shelf.paths, &settings, task);
+        export::start(
+            &mut self.session,
+            &self.light_library.paths,
+            &settings,
+            task,
+        );
     }
 
     /// The settings of exports.
@@ -542,9 +547,9 @@ impl Viewer {
             }
             // The dialog has asked.
             Event::SaveTo(path, kind) => self.save_to(&path, kind, true),
-            Event::NoLight(path) => self.shelf.forget(&path),
+            Event::NoLight(path) => self.light_library.forget(&path),
             Event::PictureSize(size) => self.preferences.export.size = size,
-            Event::Light(path) => self.shelf.add(&mut self.session, &path),
+            Event::Light(path) => self.light_library.add(&mut self.session, &path),
             Event::NoDialog(dialog) => {
                 let folder = match dialog {
                     Dialog::Save(
@@ -609,13 +614,13 @@ impl Viewer {
     }
 
     /// Adds the lights of both sides to the shelf.
-    pub(super) fn shelve_lights(&mut self) {
+    pub(super) fn store_lights(&mut self) {
         for side in [SOURCE, TARGET] {
             let light = &self.session.light(side);
             if light.is_file() && self.last_lights[side] != light.id {
                 self.last_lights[side] = light.id;
                 let path = light.path.clone();
-                self.shelf.add(&mut self.session, &path);
+                self.light_library.add(&mut self.session, &path);
             }
         }
     }
@@ -623,21 +628,21 @@ impl Viewer {
     // ---- what tests read ----
 
     /// The lights on the shelf.
-    pub fn shelf(&self) -> &[PathBuf] {
-        &self.shelf.paths
+    pub fn light_library(&self) -> &[PathBuf] {
+        &self.light_library.paths
     }
 
     /// Work that this scene did not need, with the reasons.
-    pub fn left_out(&self) -> Vec<Skipped> {
+    pub fn skipped_work(&self) -> Vec<SkippedWork> {
         let session = &self.session;
         let mut out = Vec::new();
         if session.asset().is_none() {
             return out;
         }
         let state = session.state();
-        out.extend(state.hidden.get().and_then(|h| Skipped::of_unseen(h)));
+        out.extend(state.hidden.get().and_then(|h| SkippedWork::of_unseen(h)));
         if session.source_is_assumed() {
-            out.push(Skipped::exact(
+            out.push(SkippedWork::exact(
                 Stage::Project,
                 tr("projection of the source"),
                 tr("its light is even"),
@@ -647,30 +652,30 @@ impl Viewer {
         if baked.is_some_and(|b| b.file.is_some() && b.ms < 1000.0)
             && session.project.stages.bake <= 1
         {
-            out.push(Skipped::exact(
+            out.push(SkippedWork::exact(
                 Stage::Bake,
                 tr("bake"),
                 tr("a kept one is used"),
             ));
         } else if let Some(baked) = baked {
-            out.extend(baked.bake.left_out());
+            out.extend(baked.bake.skipped_work());
         }
         if let Some(made) = state.prepared.get() {
-            out.extend(made.left_out.iter().cloned());
+            out.extend(made.skipped_work.iter().cloned());
             let [_, target] = session.oriented_lights();
-            out.extend(made.prepared.left_out_for(&target.light, made.on_gpu));
+            out.extend(made.prepared.skipped_work_for(&target.light, made.on_gpu));
         }
         out
     }
 
     /// Why something was left out, and what that saved: as it was measured on this object, or else estimated from what the stage took.
-    pub fn left_out_in_words(&self, skipped: &Skipped) -> String {
+    pub fn skipped_work_in_words(&self, skipped: &SkippedWork) -> String {
         let method = self.session.project.scene.transfer.method;
         let is_it = |s: &&Saved| s.skipped.skip == skipped.skip && s.method == method;
         let measured = self.session.measured().into_iter();
         let mut measured = measured.flat_map(|m| &m.saved);
         // What is hidden has changed since.
-        let is_kept = skipped.skip.is_some_and(|s| s != Skip::Unseen);
+        let is_kept = skipped.skip.is_some_and(|s| s != Optimization::Unseen);
         match measured.find(is_it).filter(|_| is_kept) {
             Some(saved) => format!("{}; {}", skipped.why, saved.in_words()),
             None => skipped.in_words(self.stage_ms(skipped.stage)),

@@ -10,14 +10,19 @@ use std::path::PathBuf;
 use super::session::{Event, Outcome, Session};
 use run::{Export, ExportRun};
 use sheet::contact_sheet;
-use task::{ExportSettings, Made, Task};
+use task::{ExportResult, ExportSettings, Task};
 use transplat_engine::jobs::{Handle, Kind};
 use transplat_engine::language::{tr, tr_format};
 
 /// Starts an export; reports why one cannot be started.
-pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings, task: Task) {
+pub fn start(
+    session: &mut Session,
+    light_library: &[PathBuf],
+    settings: &ExportSettings,
+    task: Task,
+) {
     let settings = task.settings(settings);
-    let export = settings.and_then(|settings| Export::of(session, shelf, settings, &task));
+    let export = settings.and_then(|settings| Export::of(session, light_library, settings, &task));
     let export = match export {
         Ok(export) => export,
         Err(why) => {
@@ -25,7 +30,10 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
             return;
         }
     };
-    let waiting = shelf.iter().filter(|p| session.is_loading(p)).count();
+    let waiting = light_library
+        .iter()
+        .filter(|p| session.is_loading(p))
+        .count();
     if waiting > 0 && matches!(task, Task::EachLight | Task::ContactSheet) {
         session.info(tr_format!(
             "{waiting} lights of the shelf are still being read and are left out",
@@ -44,15 +52,15 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         }
     };
     session.start(Kind::Export, label, work, |session, made| match made {
-        Made::Files(paths) => session.info(saved(&paths)),
-        Made::Delit(path, warnings) => {
+        ExportResult::Files(paths) => session.info(saved(&paths)),
+        ExportResult::Delit(path, warnings) => {
             session.info(saved(&[path]));
             warnings
                 .into_iter()
                 .for_each(|warning| session.info(warning));
         }
-        Made::Picture(size, bytes) => session.events.push(Event::Clipboard(size, bytes)),
-        Made::Preview(size, bytes) => session.events.push(Event::Preview(size, bytes)),
+        ExportResult::Picture(size, bytes) => session.events.push(Event::Clipboard(size, bytes)),
+        ExportResult::Preview(size, bytes) => session.events.push(Event::Preview(size, bytes)),
     });
 }
 

@@ -33,7 +33,9 @@ impl PathField {
         let text = match &dialog {
             Dialog::Open
             | Dialog::OpenFolder
-            | Dialog::Save(SaveKind::OpenRig | SaveKind::Plate | SaveKind::Lut, _) => String::new(),
+            | Dialog::Save(SaveKind::OpenRig | SaveKind::Backplate | SaveKind::Lut, _) => {
+                String::new()
+            }
             Dialog::Save(SaveKind::Folder, _) => folder.display().to_string(),
             Dialog::Save(_, name) => folder.join(name).display().to_string(),
         };
@@ -77,8 +79,8 @@ impl PathField {
             Some(Dialog::Save(SaveKind::Folder, _)) => {
                 vec![(tr("Save pictures there"), Some(SaveKind::Folder))]
             }
-            Some(Dialog::Save(SaveKind::Plate, _)) => {
-                vec![(tr("Show behind the objects"), Some(SaveKind::Plate))]
+            Some(Dialog::Save(SaveKind::Backplate, _)) => {
+                vec![(tr("Show behind the objects"), Some(SaveKind::Backplate))]
             }
             Some(Dialog::Save(SaveKind::Lut, _)) => {
                 vec![(tr("Apply the table"), Some(SaveKind::Lut))]
@@ -152,11 +154,11 @@ fn show(dialog: Dialog) -> Option<Event> {
             .set_title(tr("Folder for pictures"))
             .pick_folder()
             .map(|folder| Event::SaveTo(folder, SaveKind::Folder)),
-        Dialog::Save(SaveKind::Plate, _) => rfd::FileDialog::new()
+        Dialog::Save(SaveKind::Backplate, _) => rfd::FileDialog::new()
             .set_title(tr("Photograph behind the objects"))
             .add_filter(tr("Photographs"), &["png", "jpg", "jpeg", "exr", "hdr"])
             .pick_file()
-            .map(|file| Event::SaveTo(file, SaveKind::Plate)),
+            .map(|file| Event::SaveTo(file, SaveKind::Backplate)),
         Dialog::Save(SaveKind::OpenRig, _) => rfd::FileDialog::new()
             .set_title(tr("Open lights"))
             .add_filter(tr("Lights"), &["json"])
@@ -221,7 +223,7 @@ mod tests {
             SaveKind::Splat,
             SaveKind::Screenshot,
             SaveKind::Folder,
-            SaveKind::Plate,
+            SaveKind::Backplate,
             SaveKind::OpenRig,
             SaveKind::Lut,
         ] {

@@ -8,8 +8,8 @@ use transplat_gpu::present::{BackdropLight, GroundPlane, Presentation};
 
 use super::session::Session;
 use transplat_engine::object::ObjectState;
-use transplat_engine::picture::half;
 use transplat_engine::project::{SOURCE, TARGET};
+use transplat_engine::render::half;
 
 impl Session {
     /// Frame of a viewport of a size with the settings as they are.
@@ -61,7 +61,7 @@ impl Session {
         let waits = (source && !ready(SOURCE)) || (target && !ready(TARGET));
         let background = match view.background(scene.background) {
             Background::Environment if waits => Background::Color([0.25; 3]),
-            Background::Plate if self.project.plate.current().is_none() => {
+            Background::Backplate if self.project.plate.current().is_none() => {
                 Background::Color([0.25; 3])
             }
             other => other,

@@ -3,7 +3,7 @@
 use transplat_core::files::look_text;
 use transplat_core::scene::{FixedTo, Light, Object, Scene};
 
-use super::rigging::called;
+use super::rigs::called;
 use transplat_engine::language::{tr, tr_format, tr_later};
 
 /// Once settings have stayed so long they are a step to come back to, in seconds.

@@ -142,9 +142,9 @@ enum Wish {
 
 /// Pictures of what is kept, of the objects as they stand: a look once it was shown, a view under the light of the time.
 #[derive(Default)]
-pub struct Pictures(Vec<(Subject, TextureHandle)>);
+pub struct Thumbnails(Vec<(Subject, TextureHandle)>);
 
-impl Pictures {
+impl Thumbnails {
     /// The looks that are kept.
     pub fn looks(&self, ui: &mut Ui, session: &mut Session) {
         let shown = session.shown_look();

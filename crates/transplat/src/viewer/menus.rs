@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use eframe::egui::{self, Ui};
 use transplat_core::present::View;
 use transplat_core::scene::{EnvironmentLight, Object, Scene};
-use transplat_core::surfels::Hide;
+use transplat_core::surfels::SurfelFilter;
 
 use super::app::Viewer;
 use super::export::task::Task;
@@ -40,7 +40,7 @@ impl Viewer {
                         up: None,
                         linear: false,
                         outside_from: Vec::new(),
-                        hide: Hide::default(),
+                        hide: SurfelFilter::default(),
                         // What it is, and where it stands, is no setting.
                         ..object.clone()
                     };
@@ -167,7 +167,7 @@ impl Viewer {
         scene.environment.file = lights.get(1).cloned();
         scene.objects[0].asset = Some(splat);
         for path in &lights {
-            self.shelf.add(&mut self.session, path);
+            self.light_library.add(&mut self.session, path);
         }
         self.session.project.open_scene(scene);
     }
@@ -357,7 +357,7 @@ const CHANNELS: [(&str, View, &str); 9] = [
     ),
     (
         tr_later("Glow"),
-        View::Glow,
+        View::Emission,
         tr_later(
             "What shines by itself and keeps its colour in every light. How bright that has to be is set in the panel Look.",
         ),
@@ -369,7 +369,7 @@ const CHANNELS: [(&str, View, &str); 9] = [
     ),
     (
         tr_later("Doubts"),
-        View::Doubts,
+        View::Confidence,
         tr_later("What was left out, and where the relit colour is doubtful."),
     ),
 ];

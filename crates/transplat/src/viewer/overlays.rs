@@ -8,7 +8,7 @@ use glam::Vec2;
 use transplat_core::camera::CameraPose;
 use transplat_core::present::View;
 use transplat_core::scene::Scene;
-use transplat_core::settings::skips::Skipped;
+use transplat_core::settings::optimizations::SkippedWork;
 use transplat_core::surfels::UpAxis;
 
 use super::app::{Quitting, Viewer};
@@ -88,15 +88,15 @@ impl Viewer {
             } else {
                 name.on_hover_text(tr("The graphics adapter."));
             }
-            let left_out = self.left_out();
-            if !left_out.is_empty() {
+            let skipped_work = self.skipped_work();
+            if !skipped_work.is_empty() {
                 ui.separator();
-                let text = match left_out.len() {
+                let text = match skipped_work.len() {
                     1 => tr("1 step skipped").to_owned(),
                     n => tr_format!("{n} steps skipped", n = n),
                 };
-                let line = |s: &Skipped| format!("{}: {}", s.what, self.left_out_in_words(s));
-                let all: Vec<String> = left_out.iter().map(line).collect();
+                let line = |s: &SkippedWork| format!("{}: {}", s.what, self.skipped_work_in_words(s));
+                let all: Vec<String> = skipped_work.iter().map(line).collect();
                 ui.label(text)
                     .on_hover_text(tr_format!("Not needed for this scene, or switched off:\n{}", all.join("\n")));
             }
@@ -389,7 +389,7 @@ impl Viewer {
                     Some(Dialog::OpenFolder) => {
                         tr("The desktop shows no file dialog. A folder to open:")
                     }
-                    Some(Dialog::Save(SaveKind::Plate, _)) => {
+                    Some(Dialog::Save(SaveKind::Backplate, _)) => {
                         tr("The desktop shows no file dialog. A photograph:")
                     }
                     Some(Dialog::Save(SaveKind::OpenRig, _)) => {

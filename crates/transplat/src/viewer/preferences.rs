@@ -29,7 +29,8 @@ pub struct Preferences {
     pub grid: bool,
     pub probes: bool,
     /// Lights on the shelf in their order; none before the first start.
-    pub shelf: Option<Vec<PathBuf>>,
+    #[serde(alias = "shelf")]
+    pub light_library: Option<Vec<PathBuf>>,
     pub directions: usize,
     pub shadow_catcher: bool,
     pub recent: Vec<PathBuf>,
@@ -50,7 +51,7 @@ impl Default for Preferences {
             match_strength: false,
             grid: false,
             probes: true,
-            shelf: None,
+            light_library: None,
             directions: DEFAULT_DIRECTIONS,
             shadow_catcher: false,
             recent: Vec::new(),
@@ -87,7 +88,7 @@ impl Preferences {
         self.transfer = scene.transfer.clone();
         self.display = scene.display;
         // A photograph belongs to its scene.
-        if scene.background != Background::Plate {
+        if scene.background != Background::Backplate {
             self.background = scene.background;
         }
         self.background_blur = scene.background_blur;

@@ -3,7 +3,7 @@
 use eframe::egui::{self, Color32, ColorImage, TextureHandle};
 use glam::{DVec3, Mat3, Vec3};
 use rayon::prelude::*;
-use transplat_core::bake::patches::directions;
+use transplat_core::bake::strata::directions;
 use transplat_core::color::Display;
 use transplat_core::environment::{
     Emitter, EnvironmentMap, Illumination, IncidentRadiance, Mosaic,
@@ -144,12 +144,12 @@ fn taken_in<'a>(
     transfer: &TransferSettings,
 ) -> Box<dyn Fn(Vec3) -> [f32; 3] + Sync + 'a> {
     let terms = transfer.terms;
-    match &light.beams {
-        Some(beams) if transfer.method == Method::Directional && terms.sums => {
+    match &light.light_samples {
+        Some(light_samples) if transfer.method == Method::Directional && terms.sums => {
             let mosaic = if terms.suns {
-                Mosaic::new(beams, &directions())
+                Mosaic::new(light_samples, &directions())
             } else {
-                Mosaic::new(&beams.with_suns_as_sky(), &directions())
+                Mosaic::new(&light_samples.with_suns_as_sky(), &directions())
             };
             Box::new(move |d| mosaic.radiance(d))
         }

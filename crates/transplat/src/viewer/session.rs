@@ -14,7 +14,6 @@ use transplat_core::transfer::PreparedTransfer;
 use transplat_gpu::Context;
 use transplat_gpu::live::{Drawing, Live};
 
-use transplat_engine::asset::Asset;
 use transplat_engine::bake::Baked;
 use transplat_engine::environments::Environment;
 use transplat_engine::jobs::{Handle, Job, Jobs, Kind, Wake};
@@ -22,6 +21,7 @@ use transplat_engine::language::tr_later;
 use transplat_engine::object::{ObjectState, OrientedLight};
 use transplat_engine::project::canvas::Canvas;
 use transplat_engine::project::{Notice, Project, SOURCE};
+use transplat_engine::splat::Splat;
 use transplat_engine::words::of_error;
 use transplat_eval::savings::Saved;
 use transplat_eval::sweep::Point;
@@ -61,7 +61,7 @@ pub enum SaveKind {
     Screenshot,
     Folder,
     /// A photograph to be shown behind the objects.
-    Plate,
+    Backplate,
     /// Lights of one's own.
     Rig,
     /// Placed lights, to be opened.
@@ -198,7 +198,7 @@ impl Session {
             outcome(self);
         }
         // Marks in the picture ask for them, too.
-        self.project.requested.doubts |= self.overlays.marks;
+        self.project.requested.confidence |= self.overlays.marks;
         self.project.update();
         self.take_notices();
         self.forget_measured();
@@ -244,7 +244,7 @@ impl Session {
     }
 
     /// Its splat, once there is one.
-    pub fn asset(&self) -> Option<&Asset> {
+    pub fn asset(&self) -> Option<&Splat> {
         self.state().asset.as_ref()
     }
 

@@ -20,7 +20,7 @@ pub enum Action {
     Remove,
     Frame,
     Orthographic,
-    Front,
+    OutwardSide,
     Right,
     Top,
     NextCompare,
@@ -101,7 +101,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
     (
         CTRL,
         Key::Num1,
-        Action::Front,
+        Action::OutwardSide,
         tr_later("look from the front"),
     ),
     (

@@ -13,7 +13,7 @@ use super::gestures::{Gesture, Gestures, Press, Step};
 use super::gizmo::Gizmo;
 use super::light_handles::LightHandles;
 use super::navigation;
-use super::rigging::mirrored;
+use super::rigs::mirrored;
 use super::screen::Screen;
 use super::session::Session;
 use super::widgets::named;
@@ -252,7 +252,7 @@ impl Viewport {
         );
         let at = at - self.rect.min;
         if session.project.scene.view == View::SideBySide {
-            let half = transplat_engine::picture::half(&whole);
+            let half = transplat_engine::render::half(&whole);
             let x = at.x as usize % half.width.max(1);
             return Some((half, x, at.y as usize));
         }

@@ -7,9 +7,9 @@ use eframe::egui::{self, Key, Ui};
 use super::app::{STORAGE_KEY, Viewer};
 use super::files::ask;
 use super::history;
+use super::light_library;
 use super::panels;
 use super::session::Dialog;
-use super::shelf;
 use super::tabs::{LightPage, Tab};
 use super::timeline;
 use transplat_engine::language::tr_format;
@@ -34,7 +34,7 @@ impl eframe::App for Viewer {
             self.pictures.draw(context, &self.session);
         }
         self.decide_on_quitting(context);
-        if std::mem::take(&mut self.shelf.wants_files) {
+        if std::mem::take(&mut self.light_library.wants_files) {
             ask(&mut self.session, Dialog::Open);
         }
         let time = context.input(|i| i.time);
@@ -57,7 +57,7 @@ impl eframe::App for Viewer {
         if context.input(|i| !i.events.is_empty()) {
             context.request_repaint_after(KEEPS_AFTER + Duration::from_secs(1));
         }
-        self.shelve_lights();
+        self.store_lights();
         self.remember_opened();
         let title = match self.session.asset() {
             Some(asset) => tr_format!("{} – transplat", asset.name()),
@@ -79,9 +79,9 @@ impl eframe::App for Viewer {
             in_a_row().show(ui, |ui| self.status(ui));
         });
         egui::Panel::bottom("shelf")
-            .exact_size(shelf::HEIGHT)
+            .exact_size(light_library::HEIGHT)
             .show(ui, |ui| {
-                (self.shelf).show(ui, &mut self.session, &self.pictures);
+                (self.light_library).show(ui, &mut self.session, &self.pictures);
             });
         if self.timeline.is_shown {
             egui::Panel::bottom("timeline")
@@ -89,7 +89,7 @@ impl eframe::App for Viewer {
                 .show(ui, |ui| self.timeline.show(ui, &mut self.session));
         }
         // Asked for by what is shown below.
-        self.session.project.requested.doubts = false;
+        self.session.project.requested.confidence = false;
         if self.shown.panels {
             egui::Panel::right("panels")
                 .default_size(324.0)
@@ -133,8 +133,15 @@ impl eframe::App for Viewer {
         }
         self.keep_work();
         self.preferences.grid = self.session.overlays.grid;
-        let absent = self.shelf.absent.iter();
-        self.preferences.shelf = Some(self.shelf.paths.iter().chain(absent).cloned().collect());
+        let absent = self.light_library.absent.iter();
+        self.preferences.light_library = Some(
+            self.light_library
+                .paths
+                .iter()
+                .chain(absent)
+                .cloned()
+                .collect(),
+        );
         if let Ok(text) = serde_json::to_string(&self.preferences) {
             storage.set_string(STORAGE_KEY, text);
         }

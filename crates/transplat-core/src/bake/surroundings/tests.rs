@@ -58,8 +58,11 @@ fn objects_see_each_other_as_parts_of_one_do() {
         let are_neighbors = |a: usize, b: usize| {
             all.positions[a].distance(all.positions[b]) < 4.0 * all.scales[a].x
         };
-        let hit = |sight: &Sight, i: usize, j: usize| {
-            let found = sight.hits_of(i).iter().find(|h| h.patch() == j);
+        let hit = |directional_visibility: &DirectionalVisibility, i: usize, j: usize| {
+            let found = directional_visibility
+                .hits_of(i)
+                .iter()
+                .find(|h| h.stratum() == j);
             found.map(|h| h.surfel())
         };
         let (mut rays, mut differ, mut named, mut others) = (0, 0, 0, 0);
@@ -69,12 +72,13 @@ fn objects_see_each_other_as_parts_of_one_do() {
                     continue;
                 }
                 rays += 1;
-                let open = around.sight.is_open(i, j);
-                differ += usize::from(open != expected.sight.is_open(i, j));
-                others += usize::from(!open && objects[own].bake.sight.is_open(i, j));
-                if j < PATCHES {
-                    let found = hit(&around.sight, i, j).map(in_the_cloud);
-                    let wanted = hit(&expected.sight, i, j);
+                let open = around.directional_visibility.is_open(i, j);
+                differ += usize::from(open != expected.directional_visibility.is_open(i, j));
+                others +=
+                    usize::from(!open && objects[own].bake.directional_visibility.is_open(i, j));
+                if j < STRATA {
+                    let found = hit(&around.directional_visibility, i, j).map(in_the_cloud);
+                    let wanted = hit(&expected.directional_visibility, i, j);
                     named += usize::from(match (found, wanted) {
                         (Some(found), Some(wanted)) => !are_neighbors(found, wanted),
                         (found, wanted) => found != wanted,
@@ -118,15 +122,26 @@ fn what_is_out_of_sight_changes_nothing() {
     let around =
         Surroundings::trace(&objects, 0, Detail::Full, &no_progress).expect("not cancelled");
     for i in (0..ball.bake.len()).filter(|i| ball.bake.normals[*i].z < -0.6) {
-        let alone = &ball.bake.sight;
-        assert_eq!(around.sight.open_of(i), alone.open_of(i), "surfel {i}");
-        assert_eq!(around.sight.hits_of(i), alone.hits_of(i), "surfel {i}");
+        let alone = &ball.bake.directional_visibility;
+        assert_eq!(
+            around.directional_visibility.open_of(i),
+            alone.open_of(i),
+            "surfel {i}"
+        );
+        assert_eq!(
+            around.directional_visibility.hits_of(i),
+            alone.hits_of(i),
+            "surfel {i}"
+        );
     }
     assert!(around.changed > 0 && around.changed < ball.bake.len());
     let alone =
         Surroundings::trace(&objects[..1], 0, Detail::Full, &no_progress).expect("not cancelled");
     assert_eq!((alone.changed, alone.first), (0, 0));
-    assert_eq!(alone.sight.open, ball.bake.sight.open);
+    assert_eq!(
+        alone.directional_visibility.open,
+        ball.bake.directional_visibility.open
+    );
 }
 
 /// A coarse answer is one: as dark in the shadow, within a patch of directions that goes either way, and open where nothing stands.
@@ -134,7 +149,7 @@ fn what_is_out_of_sight_changes_nothing() {
 fn what_is_traced_coarsely_is_close() {
     // So many that neighbours share what they see.
     let slab = synthetic::sheet(110);
-    assert!(Detail::Coarse.rows_together(slab.len()) > 1);
+    assert!(Detail::Coarse.rows_joined(slab.len()) > 1);
     let over =
         Affine3A::from_scale_rotation_translation(Vec3::splat(0.4), Quat::IDENTITY, 0.5 * Vec3::Z);
     let objects = [
@@ -143,7 +158,9 @@ fn what_is_traced_coarsely_is_close() {
     ];
     let openness = |detail| {
         let around = Surroundings::trace(&objects, 0, detail, &no_progress).expect("not cancelled");
-        around.sight.openness(&objects[0].bake.normals)
+        around
+            .directional_visibility
+            .openness(&objects[0].bake.normals)
     };
     let (full, coarse) = (openness(Detail::Full), openness(Detail::Coarse));
     let off = full.iter().zip(&coarse).map(|(a, b)| (a - b).abs());

@@ -4,7 +4,7 @@ use glam::{Mat3, Quat, Vec2, Vec3};
 
 use super::*;
 use crate::color::Encoding;
-use crate::files::{AssetFile, FileKind, file_kind, load_asset, write_relit, write_splat};
+use crate::files::{FileKind, SplatFile, file_kind, load_splat, write_relit, write_splat};
 use crate::sh::coefficient_count;
 use crate::surfels::Thickness;
 use crate::synthetic;
@@ -42,11 +42,11 @@ struct Made {
 }
 
 /// Writes a splat under a name with that ending and reads it again.
-fn through(cloud: &SurfelCloud, ending: &str) -> (Made, SurfelCloud, AssetFile) {
+fn through(cloud: &SurfelCloud, ending: &str) -> (Made, SurfelCloud, SplatFile) {
     let folder = tempfile::tempdir().expect("a folder");
     let name = folder.path().join(format!("splat{ending}"));
     write_splat(cloud, &cloud.sh, &name).expect("room for it");
-    let (back, asset) = load_asset(&name).expect("what was written is read");
+    let (back, asset) = load_splat(&name).expect("what was written is read");
     assert_eq!(
         (back.len(), asset.report.vertices),
         (cloud.len(), cloud.len())
@@ -63,7 +63,7 @@ fn covariance(cloud: &SurfelCloud, i: usize) -> Mat3 {
 }
 
 /// How far a splat is from another: positions, relative covariance, opacities, colours, higher SH.
-fn distances(a: &SurfelCloud, b: &SurfelCloud, rows: &AssetFile, degree: usize) -> [f32; 5] {
+fn distances(a: &SurfelCloud, b: &SurfelCloud, rows: &SplatFile, degree: usize) -> [f32; 5] {
     let mut most = [0f32; 5];
     let k = coefficient_count(degree);
     for i in 0..a.len() {
@@ -147,7 +147,7 @@ fn formats_are_known_by_what_they_hold() {
         // Under the name of another.
         let other = made.folder.path().join("misnamed.png");
         std::fs::copy(&made.name, &other).expect("room for it");
-        let (_, asset) = load_asset(&other).expect("the same");
+        let (_, asset) = load_splat(&other).expect("the same");
         assert_eq!(asset.format, format, "{ending}");
         assert!(matches!(file_kind(&other), Ok(FileKind::Splat(_))));
         assert_eq!(SplatFormat::of_name(&made.name), Some(format));
@@ -170,7 +170,7 @@ fn a_file_that_is_cut_anywhere_is_refused() {
             }
             let name = made.folder.path().join("cut");
             std::fs::write(&name, &bytes[..cut]).expect("room for it");
-            let message = load_asset(&name).expect_err("it is cut").to_string();
+            let message = load_splat(&name).expect_err("it is cut").to_string();
             assert!(!message.is_empty(), "{ending} at {cut}");
         }
     }
@@ -189,7 +189,7 @@ fn a_relit_splat_keeps_its_format_or_takes_the_one_that_is_asked_for() {
     ] {
         let to = made.folder.path().join(name);
         write_relit(&asset, &back, &relit, &to).expect("room for it");
-        let (again, file) = load_asset(&to).expect("what was written is read");
+        let (again, file) = load_splat(&to).expect("what was written is read");
         assert_eq!((file.format, again.up), (format, up));
         // Upright there as here: what is up is as high.
         for row in 0..50 {
@@ -229,7 +229,7 @@ fn a_made_up_count_allocates_nothing() {
     }
     for bytes in [spz, gzip.finish().expect("memory"), ksplat] {
         std::fs::write(&path, bytes).expect("room for it");
-        let message = load_asset(&path)
+        let message = load_splat(&path)
             .expect_err("nobody holds that")
             .to_string();
         assert!(message.contains("claims"), "{message}");
@@ -253,7 +253,7 @@ fn what_packs_one_splat_is_that_splat() {
         }
         archive.finish().expect("memory").into_inner()
     };
-    let (plain, _) = load_asset(&plain).expect("a good file");
+    let (plain, _) = load_splat(&plain).expect("a good file");
     let packed = [
         spz::tests::gzip(&bytes),
         zip(&[("scan/point_cloud.ply", &bytes)]),
@@ -270,7 +270,7 @@ fn what_packs_one_splat_is_that_splat() {
             file_kind(&path).ok(),
             Some(FileKind::Splat(SplatFormat::Ply))
         );
-        let (back, asset) = load_asset(&path).expect("a good file");
+        let (back, asset) = load_splat(&path).expect("a good file");
         assert_eq!(back.positions, plain.positions);
         let out = folder.path().join("out.ply");
         write_relit(&asset, &back, &back.sh, &out).expect("room for it");
@@ -279,7 +279,7 @@ fn what_packs_one_splat_is_that_splat() {
     let several = zip(&[("a.ply", &bytes), ("b.ply", &bytes)]);
     let path = folder.path().join("several");
     std::fs::write(&path, several).expect("room for it");
-    let why = load_asset(&path).expect_err("two").to_string();
+    let why = load_splat(&path).expect_err("two").to_string();
     assert!(
         why.contains("2 files") && why.contains("a.ply, b.ply"),
         "{why}"
@@ -310,7 +310,7 @@ fn a_bundle_is_found_below_a_folder() {
     let bytes = below.finish().expect("memory").into_inner();
     let path = made.folder.path().join("below.zip");
     std::fs::write(&path, bytes).expect("room for it");
-    let (back, asset) = load_asset(&path).expect("a good file");
+    let (back, asset) = load_splat(&path).expect("a good file");
     assert_eq!((back.len(), back.sh_degree), (cloud.len(), 1));
     assert!(asset.report.warnings[0].contains("palette is of degree 1"));
 }
@@ -321,7 +321,7 @@ fn a_streamed_bundle_names_its_parts() {
     let path = folder.path().join("lod-meta.json");
     let text = r#"{"lodLevels": 3, "filenames": ["0_0/meta.json", "1_0/meta.json"], "tree": {}}"#;
     std::fs::write(&path, text).expect("room for it");
-    let why = load_asset(&path).expect_err("a list of parts").to_string();
+    let why = load_splat(&path).expect_err("a list of parts").to_string();
     assert!(
         why.contains("3 levels") && why.contains("0_0/meta.json"),
         "{why}"
@@ -348,7 +348,7 @@ fn a_compressed_ply_keeps_the_object_among_floaters() {
     assert!(off < ply::compressed::CHUNK, "{off} of the object are off");
     let ply = made.folder.path().join("splat.ply");
     write_splat(&cloud, &cloud.sh, &ply).expect("room for it");
-    let (cloud, asset) = load_asset(&ply).expect("a good file");
+    let (cloud, asset) = load_splat(&ply).expect("a good file");
     let said = crate::files::losses(&asset, &cloud, &made.name).expect("another format");
     assert!(said.contains("of the splats in steps"), "{said}");
 }

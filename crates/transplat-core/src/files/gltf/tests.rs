@@ -2,7 +2,7 @@ use glam::Vec3;
 use serde_json::json;
 
 use super::*;
-use crate::files::{load_asset, write_splat};
+use crate::files::{load_splat, write_splat};
 use crate::synthetic;
 
 /// A binary glTF of four surfels whose document was changed.
@@ -29,7 +29,7 @@ fn changed(change: impl FnOnce(&mut Value)) -> Result<SurfelCloud> {
     out.extend(BINARY_CHUNK.to_le_bytes());
     out.extend(binary);
     std::fs::write(&path, out).expect("room for it");
-    load_asset(&path).map(|(cloud, _)| cloud)
+    load_splat(&path).map(|(cloud, _)| cloud)
 }
 
 fn holds(cloud: &SurfelCloud, place: Vec3) -> bool {

@@ -53,14 +53,14 @@ pub fn load(path: &Path, named: Option<&str>) -> Result<Image> {
         let others = layers.iter().filter(|l| l.name != layer.name);
         let others: Vec<String> = others.map(Layer::called).collect();
         let chosen = layer.called();
-        let doubt = if is_clear {
+        let low_confidence = if is_clear {
             ""
         } else {
             ", the first: no name says which is the image"
         };
         if named.is_none() {
             warnings.push(format!(
-                "has {} layers; {chosen} is read{doubt}; --layer NAME (--source-layer; Layer in the panel Light) takes another: {}",
+                "has {} layers; {chosen} is read{low_confidence}; --layer NAME (--source-layer; Layer in the panel Light) takes another: {}",
                 layers.len(),
                 others.join(", ")
             ));

@@ -3,7 +3,7 @@ use std::io::Write as _;
 use glam::Vec3;
 
 use super::*;
-use crate::files::load_asset;
+use crate::files::load_splat;
 
 /// Two splats of which the second is at (3, 1, -2), of that level and degree; the first fills a bucket, the second is alone in one.
 pub(in crate::files) fn made(level: u16, degree: usize) -> Vec<u8> {
@@ -84,7 +84,7 @@ fn all_levels_and_degrees_hold_the_same() {
         for degree in 0..=2 {
             let mut file = tempfile::NamedTempFile::new().expect("a temporary file");
             file.write_all(&made(level, degree)).expect("room for it");
-            let (cloud, asset) = load_asset(file.path()).expect("a good file");
+            let (cloud, asset) = load_splat(file.path()).expect("a good file");
             let i = asset.surfel_of(1).expect("a row");
             let at = cloud.positions[i];
             assert!(
@@ -122,7 +122,7 @@ fn broken_files_are_refused_with_a_reason() {
         bytes[at] = value;
         let mut file = tempfile::NamedTempFile::new().expect("a temporary file");
         file.write_all(&bytes).expect("room for it");
-        let message = load_asset(file.path()).expect_err(expected).to_string();
+        let message = load_splat(file.path()).expect_err(expected).to_string();
         assert!(message.contains(expected), "{message:?} for {expected:?}");
     }
 }

@@ -12,7 +12,7 @@ use crate::files::packed::{
     with_largest, without_largest,
 };
 use crate::files::read::read_exactly;
-use crate::files::rows::{AssetKind, Builder, Finished, StoredRow};
+use crate::files::rows::{Builder, Finished, SplatKind, StoredRow};
 use crate::files::written::{Gaussian, Written};
 use crate::sh::coefficient_count;
 
@@ -89,7 +89,7 @@ pub(super) fn read(
         return Err(invalid("claims more vertices than it has room for"));
     };
     let mut rows =
-        Builder::new(AssetKind::Gaussians3d, degree, n as usize).map_err(|m| invalid(&m))?;
+        Builder::new(SplatKind::Gaussians3d, degree, n as usize).map_err(|m| invalid(&m))?;
     let read = |reader: &mut _, count: u64| {
         read_exactly(reader, count).map_err(|e| invalid(&format!("is truncated: {e}")))
     };

@@ -2,7 +2,7 @@ use glam::Vec3;
 
 use super::*;
 use crate::error::Result;
-use crate::files::{AssetFile, load_asset};
+use crate::files::{SplatFile, load_splat};
 use crate::surfels::{SurfelCloud, UpAxis};
 use std::io::Write;
 
@@ -68,10 +68,10 @@ fn write(rows: &[Vec<(String, f32)>], format: Format, double: bool) -> Vec<u8> {
     out
 }
 
-fn load_bytes(bytes: &[u8]) -> Result<(SurfelCloud, AssetFile)> {
+fn load_bytes(bytes: &[u8]) -> Result<(SurfelCloud, SplatFile)> {
     let mut file = tempfile::NamedTempFile::new().expect("a temporary file");
     file.write_all(bytes).expect("room for it");
-    load_asset(file.path())
+    load_splat(file.path())
 }
 
 #[test]
@@ -83,7 +83,7 @@ fn every_format_type_degree_and_order_loads_alike() {
                 load_bytes(&write(&table, Format::LittleEndian, false)).expect("a good file");
             assert_eq!(expected.sh_degree, degree);
             assert_eq!(expected.up, UpAxis::MinusY);
-            assert_eq!(asset.report.kind == AssetKind::Gaussians3d, scales == 3);
+            assert_eq!(asset.report.kind == SplatKind::Gaussians3d, scales == 3);
             let k = coefficient_count(degree);
             if k > 1 {
                 // Channel-major: coefficient 1 of green is the first of the second third.
@@ -185,7 +185,7 @@ fn a_few_broken_rows_are_left_out_and_many_refused() {
     table[5].last_mut().expect("a row").1 = f32::INFINITY;
     let (cloud, asset) =
         load_bytes(&write(&table, Format::LittleEndian, false)).expect("mostly good");
-    assert_eq!(asset.report.left_out, [3, 5]);
+    assert_eq!(asset.report.skipped_work, [3, 5]);
     let broken = asset.surfel_of(3).expect("a row");
     assert_eq!((cloud.opacities[broken], cloud.len()), (0.0, 100));
     assert_eq!(asset.row_of(broken), Some(3));
@@ -194,7 +194,7 @@ fn a_few_broken_rows_are_left_out_and_many_refused() {
         row[4].1 = f32::NAN;
     }
     let (_, asset) = load_bytes(&write(&table, Format::LittleEndian, false)).expect("four fifths");
-    assert_eq!(asset.report.left_out.len(), 20);
+    assert_eq!(asset.report.skipped_work.len(), 20);
     for row in &mut table[..95] {
         row[4].1 = f32::NAN;
     }
@@ -216,7 +216,7 @@ fn infinite_logits_and_flattened_scales_are_fine() {
     }
     let (cloud, asset) = load_bytes(&write(&table, Format::BigEndian, false)).expect("a good file");
     assert_eq!(cloud.opacities[0], 1.0);
-    assert!(asset.report.left_out.is_empty());
+    assert!(asset.report.skipped_work.is_empty());
 }
 
 #[test]
@@ -302,7 +302,7 @@ fn a_header_is_in_whatever_encoding_its_writer_had() {
         let folder = tempfile::tempdir().expect("a folder");
         let (path, out) = (folder.path().join("in.ply"), folder.path().join("out.ply"));
         std::fs::write(&path, &bytes).expect("room for it");
-        let (cloud, asset) = load_asset(&path).expect("a good file");
+        let (cloud, asset) = load_splat(&path).expect("a good file");
         crate::files::write_relit(&asset, &cloud, &cloud.sh, &out).expect("room for it");
         let written = std::fs::read(&out).expect("it is there");
         assert!(written.windows(comment.len()).any(|w| w == comment));
@@ -326,7 +326,7 @@ fn a_colour_as_it_is_shown_stands_for_the_lowest_band() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, out) = (folder.path().join("in.ply"), folder.path().join("out.ply"));
     std::fs::write(&path, &text).expect("room for it");
-    let (cloud, asset) = load_asset(&path).expect("a good file");
+    let (cloud, asset) = load_splat(&path).expect("a good file");
     let color = cloud.sh_of(0)[0].map(super::super::packed::color_of_dc);
     assert!(
         (color[0] - 1.0).abs() < 1e-6 && (color[1] - 0.2).abs() < 1e-6,
@@ -412,7 +412,7 @@ fn a_georeferenced_splat_is_read_relative_to_a_point_in_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("far.ply");
     std::fs::write(&path, there).expect("room for it");
-    let (cloud, asset) = load_asset(&path).expect("a good file");
+    let (cloud, asset) = load_splat(&path).expect("a good file");
     assert_eq!(near.origin, glam::DVec3::ZERO);
     assert!(
         asset.report.warnings.is_empty(),
@@ -434,7 +434,7 @@ fn a_georeferenced_splat_is_read_relative_to_a_point_in_it() {
         crate::files::write_relit(&asset, &cloud, &cloud.sh, &out).map(|()| out)
     };
     for name in ["a.ply", "a.glb", "a.sog"] {
-        let (back, asset) = load_asset(&write(name).expect(name)).expect("it opens");
+        let (back, asset) = load_splat(&write(name).expect(name)).expect("it opens");
         let off = back.origin + back.bounds().center.as_dvec3();
         let off = match name {
             // In its format y is up.

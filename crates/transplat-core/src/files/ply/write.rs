@@ -6,12 +6,12 @@ use super::colors::ColorOf;
 use super::header::{Format, Header};
 use crate::error::{Error, Result};
 use crate::files::packed::color_of_dc;
-use crate::files::rows::{AssetReport, NOT_WRITTEN};
+use crate::files::rows::{NOT_WRITTEN, SplatReport};
 
 /// For each property of a row the index of the colour that replaces it.
 pub(in crate::files) struct ColorColumns<'a> {
     header: &'a Header,
-    report: &'a AssetReport,
+    report: &'a SplatReport,
     /// The surfel that each row is, if it is written.
     surfel_of_row: &'a [u32],
     /// Number of rows.
@@ -26,7 +26,7 @@ pub(in crate::files) struct ColorColumns<'a> {
 impl<'a> ColorColumns<'a> {
     pub fn new(
         header: &'a Header,
-        report: &'a AssetReport,
+        report: &'a SplatReport,
         surfel_of_row: &'a [u32],
         stored: &'a [[f32; 3]],
     ) -> Result<Self> {
@@ -106,7 +106,7 @@ impl<'a> ColorColumns<'a> {
             }
             None => {}
         }
-        if property.scalar.is_float() && self.report.left_out.binary_search(&row).is_ok() {
+        if property.scalar.is_float() && self.report.skipped_work.binary_search(&row).is_ok() {
             if property.name == "opacity" {
                 return Some(-30.0);
             }

@@ -3,7 +3,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::*;
-use crate::files::{load_asset, write_splat};
+use crate::files::{load_splat, write_splat};
 use crate::surfels::SurfelCloud;
 use crate::synthetic;
 use std::fs::File;
@@ -23,7 +23,7 @@ fn unpacked(folder: &Path, degree: usize) -> (PathBuf, Value) {
 
 fn load(meta: &Path, said: &Value) -> Result<SurfelCloud> {
     std::fs::write(meta, said.to_string()).expect("room for it");
-    load_asset(meta).map(|(cloud, _)| cloud)
+    load_splat(meta).map(|(cloud, _)| cloud)
 }
 
 #[test]

@@ -1,7 +1,7 @@
 use std::io::Write as _;
 
 use super::*;
-use crate::files::load_asset;
+use crate::files::load_splat;
 use crate::surfels::SurfelCloud;
 
 pub(in crate::files) fn gzip(bytes: &[u8]) -> Vec<u8> {
@@ -84,7 +84,7 @@ pub(in crate::files) fn plain(version: u32, degree: usize) -> Vec<u8> {
 fn load(bytes: &[u8]) -> Result<SurfelCloud> {
     let mut file = tempfile::NamedTempFile::new().expect("a temporary file");
     file.write_all(bytes).expect("room for it");
-    load_asset(file.path()).map(|(cloud, _)| cloud)
+    load_splat(file.path()).map(|(cloud, _)| cloud)
 }
 
 #[test]

@@ -3,14 +3,14 @@
 use glam::DVec3;
 
 use super::{FrontAndBack, OracleDirectional, OracleLight, Rgb, rgb};
-use crate::environment::Beams;
+use crate::environment::LightSamples;
 use crate::oracle::pooling::smoothstep;
 use crate::sh::{MAX_COEFFICIENTS, evaluate_basis};
 use crate::transfer::directional::{BACK_RANGE, HORIZON, RESIDUAL_FLOOR};
 
 impl OracleDirectional<'_> {
     /// Relights: colour as the asset's own is stored. `[n][K][3]`
-    pub fn relight(&self, target: &Beams) -> Vec<Rgb> {
+    pub fn relight(&self, target: &LightSamples) -> Vec<Rgb> {
         let light = self.light(target);
         let tau = self.tau(&light);
         let radiance = self.changed(&tau);
@@ -26,15 +26,15 @@ impl OracleDirectional<'_> {
         tau: FrontAndBack,
         radiance: &[FrontAndBack],
     ) -> Vec<Rgb> {
-        let before = self.glossy(i, &self.source, &self.means);
+        let before = self.specular(i, &self.source, &self.means);
         let seen = self.at_nodes(i, &self.fit(i, &before));
         let colors = self.colors(i, 1.0);
-        let matte: Vec<Rgb> = (0..colors.len())
+        let diffuse: Vec<Rgb> = (0..colors.len())
             .map(|s| rgb(|c| (colors[s][c] - seen[s][c]).max(0.0)))
             .collect();
-        let stored = |tau: Rgb, glossy: &[Rgb]| -> Vec<Rgb> {
-            (0..matte.len())
-                .map(|s| rgb(|c| self.encode(matte[s][c] * tau[c] + glossy[s][c])))
+        let stored = |tau: Rgb, specular: &[Rgb]| -> Vec<Rgb> {
+            (0..diffuse.len())
+                .map(|s| rgb(|c| self.encode(diffuse[s][c] * tau[c] + specular[s][c])))
                 .collect()
         };
         let brightness = |stored: &[Rgb]| {
@@ -42,7 +42,7 @@ impl OracleDirectional<'_> {
             rgb(|c| stored.iter().map(|v| v[c]).sum::<f64>() / stored.len() as f64 + offset)
         };
         let then = stored([1.0; 3], &before);
-        let now = stored(tau[0], &self.glossy(i, light, radiance));
+        let now = stored(tau[0], &self.specular(i, light, radiance));
         let model = self.fit(i, &then);
         let (bright_then, bright_now) = (brightness(&then), brightness(&now));
         let scale = rgb(|c| {

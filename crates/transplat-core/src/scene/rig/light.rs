@@ -4,7 +4,7 @@ use glam::{Affine3A, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::color::black_body;
-use crate::environment::{Beam, Emitter, Illumination, MOST_LIGHTS, Shape};
+use crate::environment::{Emitter, Illumination, LightSample, MOST_LIGHTS, Shape};
 use crate::error::{Error, Result, ensure};
 use crate::scene::light::{MOST_TINT, STOPS};
 use crate::surfels::UpAxis;
@@ -146,7 +146,7 @@ impl Light {
     }
 
     /// True where it comes from one direction alone, without a disc.
-    pub fn is_beam(&self) -> bool {
+    pub fn is_directional_sample(&self) -> bool {
         matches!(self.source, LightSource::Directional { angle_deg, .. } if angle_deg == 0.0)
     }
 
@@ -158,10 +158,10 @@ impl Light {
             irradiance,
             ..
         } = &self.source
-            && self.is_beam()
+            && self.is_directional_sample()
         {
             let gain = self.gain();
-            return light.add(Beam {
+            return light.add(LightSample {
                 direction: (to_asset * *to_light).as_vec3(),
                 energy: std::array::from_fn(|c| irradiance[c] * gain[c]),
             });
@@ -204,7 +204,7 @@ impl Light {
                 let shape = Shape::Spot {
                     position: position.as_vec3(),
                     axis: direction.as_vec3(),
-                    beam: beam_deg.to_radians() as f32,
+                    light_sample: beam_deg.to_radians() as f32,
                     cutoff: cutoff_deg.to_radians() as f32,
                 };
                 (shape, intensity)

@@ -5,16 +5,16 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
-use super::met::LastMet;
+use super::light_visibility::ShadowCache;
 use super::neighbors::{Neighbors, asked_one_in};
-use super::nodes::{Nodes, SurfelFrame, weighted_mean};
+use super::nodes::{QuadratureNodes, SurfelFrame, weighted_mean};
 use crate::bake::directional::DirectionalBake;
-use crate::bake::patches::directions;
+use crate::bake::strata::directions;
 use crate::bake::trace::places_and_normals;
 use crate::color::Encoding;
 use crate::color_rows::rows_of;
-use crate::environment::{Beam, Emitter};
-use crate::settings::skips::{Skip, Skips};
+use crate::environment::{Emitter, LightSample};
+use crate::settings::optimizations::{Optimization, Optimizations};
 use crate::sh::{SharedSh, coefficient_count, with_degree};
 use crate::surfels::SurfelCloud;
 
@@ -33,9 +33,9 @@ pub type Radiance = [Vec3A; 2];
 
 /// Part of a preparation that no light changes.
 #[derive(Debug)]
-pub struct DirectionalAsset {
+pub struct DirectionalCache {
     /// Directions that a surfel is seen from, and their matrices.
-    pub nodes: Nodes,
+    pub nodes: QuadratureNodes,
     /// Encoding of the stored colour.
     pub encoding: Encoding,
     /// Visibility of the surfels.
@@ -49,38 +49,44 @@ pub struct DirectionalAsset {
     /// Mean linear colour of the front and the back: the exitance under the source light, over pi. `[n]`
     pub means: Vec<FrontAndBack>,
     pub(super) neighbors: Neighbors,
-    pub(super) last_met: LastMet,
+    pub(super) shadow_cache: ShadowCache,
 }
 
 /// A light as the transfer takes it in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DirectionalLight {
     /// Environment around each of the bake's directions, as samples from where most of it shines. `[DIRECTIONS]`
-    pub sky: Vec<Beam>,
+    pub sky: Vec<LightSample>,
     /// Compact sources, at most [`crate::environment::MAX_SUNS`].
-    pub suns: Vec<Beam>,
+    pub suns: Vec<LightSample>,
     /// Lights at a finite distance or with an extent, in the coordinates of the asset's rays.
     pub emitters: Vec<Emitter>,
     /// Irradiance averaged over all normals, with what fills a channel that the source lacks.
     pub mean: [f32; 3],
-    /// User-set gain of the light: [`crate::environment::Illumination::told_gain`].
-    pub told_gain: [f32; 3],
+    /// User-set gain of the light: [`crate::environment::Illumination::user_gain`].
+    pub user_gain: [f32; 3],
     /// Irradiance that is added everywhere: epsilon's share, and that filling.
     pub least: [f32; 3],
 }
 
-impl DirectionalAsset {
+impl DirectionalCache {
     /// Takes an asset and its bake.
-    pub fn new(cloud: &SurfelCloud, bake: Arc<DirectionalBake>, skips: &Skips) -> Self {
+    pub fn new(
+        cloud: &SurfelCloud,
+        bake: Arc<DirectionalBake>,
+        optimizations: &Optimizations,
+    ) -> Self {
         // A two-sided surfel may show another colour on either side, and gloss fills bands that the capture left empty.
         let has_two_sides = bake.two_sided.iter().any(|t| *t > 0.0);
-        let degree =
-            if skips.has(Skip::EmptyBands) && !has_two_sides && !cloud.has_view_dependence() {
-                0
-            } else {
-                cloud.sh_degree
-            };
-        let nodes = Nodes::new(degree);
+        let degree = if optimizations.has(Optimization::EmptyBands)
+            && !has_two_sides
+            && !cloud.has_view_dependence()
+        {
+            0
+        } else {
+            cloud.sh_degree
+        };
+        let nodes = QuadratureNodes::new(degree);
         let encoding = cloud.encoding;
         let directions = directions();
         let sh = with_degree(cloud.sh.clone(), cloud.sh_degree, degree);
@@ -89,8 +95,8 @@ impl DirectionalAsset {
             .map(|(sh, n)| means_of(&nodes, encoding, sh, *n))
             .collect();
         Self {
-            neighbors: neighbors_of(&bake, skips),
-            last_met: LastMet::default(),
+            neighbors: neighbors_of(&bake, optimizations),
+            shadow_cache: ShadowCache::default(),
             nodes,
             encoding,
             bake,
@@ -114,7 +120,7 @@ impl DirectionalAsset {
             means: rows_of(&self.means, 1, surfels),
             // They tell what a surfel is made of, which is known.
             neighbors: Neighbors::alone(surfels.len()),
-            last_met: LastMet::default(),
+            shadow_cache: ShadowCache::default(),
         }
     }
 
@@ -141,18 +147,18 @@ impl DirectionalAsset {
     }
 }
 
-fn neighbors_of(bake: &DirectionalBake, skips: &Skips) -> Neighbors {
+fn neighbors_of(bake: &DirectionalBake, optimizations: &Optimizations) -> Neighbors {
     let points = places_and_normals(&bake.tracer.surfels, &bake.normals);
-    let one_in = match skips.has(Skip::SharedGloss) {
+    let one_in = match optimizations.has(Optimization::SharedLobes) {
         true => asked_one_in(points.len()),
         false => 1,
     };
-    Neighbors::new(&points, one_in, &bake.prominence)
+    Neighbors::new(&points, one_in, &bake.visible_weight)
 }
 
 /// Mean linear colour of the front and the back of each surfel, as captured. `[n]`
 pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<FrontAndBack> {
-    let nodes = Nodes::new(cloud.sh_degree);
+    let nodes = QuadratureNodes::new(cloud.sh_degree);
     let k = coefficient_count(cloud.sh_degree);
     let each = cloud.sh.par_chunks_exact(k).zip(normals);
     each.map(|(sh, n)| means_of(&nodes, cloud.encoding, sh, *n))
@@ -160,7 +166,12 @@ pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<FrontA
 }
 
 /// Mean linear colour of a surfel's sides, of its stored colour `[K]`.
-fn means_of(nodes: &Nodes, encoding: Encoding, sh: &[[f32; 3]], normal: Vec3) -> FrontAndBack {
+fn means_of(
+    nodes: &QuadratureNodes,
+    encoding: Encoding,
+    sh: &[[f32; 3]],
+    normal: Vec3,
+) -> FrontAndBack {
     let mut f = sh.to_vec();
     SurfelFrame::new(normal).apply_sh(nodes.degree, &mut f);
     [&nodes.evaluate, &nodes.evaluate_back]
@@ -168,7 +179,11 @@ fn means_of(nodes: &Nodes, encoding: Encoding, sh: &[[f32; 3]], normal: Vec3) ->
 }
 
 /// Linear colour at the nodes of a side, of the stored one in the surfel's frame `[K]`. `[Q]`
-fn colors_at(side: &[f32], (nodes, encoding): (&Nodes, Encoding), f: &[[f32; 3]]) -> Vec<[f32; 3]> {
+fn colors_at(
+    side: &[f32],
+    (nodes, encoding): (&QuadratureNodes, Encoding),
+    f: &[[f32; 3]],
+) -> Vec<[f32; 3]> {
     let mut values = nodes.values(side, f);
     encoding.decode_all(bytemuck::cast_slice_mut(&mut values));
     values

@@ -19,23 +19,27 @@ impl DirectionalTransfer {
         let asset = &*self.asset;
         let mut settings = self.settings.clone();
         settings.terms.suns = false;
-        let ((radiance, beams), told) = (target.for_directional()?, target.told_gain);
-        let light = (radiance, beams, &target.emitters[..]);
+        let ((radiance, light_samples), told) = (target.for_directional()?, target.user_gain);
+        let light = (radiance, light_samples, &target.emitters[..]);
         let light = asset.light(light, (self.light_gain, told), &settings, self.fill);
         let light = asset.met(light, &settings, None, Tracing::Known);
         let start = Vec3A::from(self.mean_ratio(light.mean));
         let radiance: Vec<Radiance> = (asset.means.par_iter())
             .map(|sides| sides.map(|m| Vec3A::from(m) * start))
             .collect();
-        let sharing = &asset.bake.sight.sharing;
+        let visibility_clusters = &asset.bake.directional_visibility.visibility_clusters;
         let of_leader = |i: &u32| {
             let i = *i as usize;
             let bounced = asset.bounced(i, &light, &radiance);
             self.change(i, added(asset.irradiance(i, &light), bounced))
         };
-        let of_rows: Vec<FrontAndBack> = sharing.leaders.par_iter().map(of_leader).collect();
-        let mut tau = sharing.spread(&of_rows);
-        self.trusted(light.told_gain, &mut tau);
+        let of_rows: Vec<FrontAndBack> = visibility_clusters
+            .leaders
+            .par_iter()
+            .map(of_leader)
+            .collect();
+        let mut tau = visibility_clusters.spread(&of_rows);
+        self.trusted(light.user_gain, &mut tau);
         Ok(tau.into_iter().map(|[front, _]| front).collect())
     }
 }

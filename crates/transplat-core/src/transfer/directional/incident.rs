@@ -7,14 +7,14 @@ use glam::{Vec3, Vec3A};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Planes, Radiance, planes};
+use super::asset::{DirectionalCache, DirectionalLight, FrontAndBack, Planes, Radiance, planes};
 use super::near::{NearLight, Tracing, mean_irradiance};
 use super::rays::Rays;
-use crate::bake::patches::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
-use crate::bake::sight::Sight;
+use crate::bake::directional_visibility::DirectionalVisibility;
+use crate::bake::strata::{DIRECTIONS, Hit, PER_STRATUM, STRATA, WORDS};
 use crate::bake::surroundings::Surroundings;
-use crate::environment::{Beam, Beams, Emitter, IncidentRadiance, MOST_LIGHTS};
-use crate::settings::skips::{Skip, Skips};
+use crate::environment::{Emitter, IncidentRadiance, LightSample, LightSamples, MOST_LIGHTS};
+use crate::settings::optimizations::{Optimization, Optimizations};
 use crate::settings::{Terms, TransferSettings};
 use crate::sh::evaluate_sh;
 
@@ -22,7 +22,7 @@ use crate::sh::evaluate_sh;
 const MAX_RELATIVE_LIGHT: f32 = 1e12;
 
 /// Values of patches, by channel.
-type PatchPlanes = [[f32; PATCHES]; 3];
+type StratumPlanes = [[f32; STRATA]; 3];
 
 /// Values that are worked on at once.
 const LANES: usize = 16;
@@ -30,25 +30,25 @@ const LANES: usize = 16;
 /// A light as the surfels of an asset meet it.
 pub(in crate::transfer) struct Incident<'a> {
     /// Directional visibility of the surfels.
-    sight: &'a Sight,
+    directional_visibility: &'a DirectionalVisibility,
     /// The first of them among those whose radiance is given.
     first: usize,
     /// Environment around each direction, as samples from where most of it shines.
     sky: Sky,
     /// With the surfels that see them.
-    suns: Vec<(Beam, Vec<bool>)>,
+    suns: Vec<(LightSample, Vec<bool>)>,
     /// With what the surfels see of them.
     near: Vec<NearLight>,
     /// Irradiance, with epsilon's share. `[n]`, or empty
     pub irradiance: Vec<FrontAndBack>,
     /// Irradiance of the light, [`DirectionalLight::mean`].
     pub mean: [f32; 3],
-    /// [`DirectionalLight::told_gain`].
-    pub told_gain: [f32; 3],
+    /// [`DirectionalLight::user_gain`].
+    pub user_gain: [f32; 3],
     /// Epsilon's share.
     pub least: [f32; 3],
     terms: Terms,
-    pub skips: Skips,
+    pub optimizations: Optimizations,
     /// In what unit others shine on them; none where all of them share one.
     pub others: Option<Others>,
 }
@@ -78,12 +78,12 @@ struct Sky {
 }
 
 impl Sky {
-    fn new(beams: &[Beam]) -> Self {
+    fn new(light_samples: &[LightSample]) -> Self {
         Self {
-            energy: planes(beams.iter().map(|b| b.energy)),
-            direction: planes(beams.iter().map(|b| b.direction.to_array())),
+            energy: planes(light_samples.iter().map(|b| b.energy)),
+            direction: planes(light_samples.iter().map(|b| b.direction.to_array())),
             toward: planes(
-                beams
+                light_samples
                     .iter()
                     .map(|b| (b.direction * b.energy.iter().sum::<f32>()).to_array()),
             ),
@@ -91,30 +91,33 @@ impl Sky {
     }
 }
 
-impl DirectionalAsset {
+impl DirectionalCache {
     /// Takes a light in, its strength multiplied, of which the user told some. `fill` is what a channel gets of the light's mean that the source
     /// lacks.
     pub(super) fn light(
         &self,
-        (radiance, beams, emitters): (&IncidentRadiance, &Beams, &[Emitter]),
-        (gain, told_gain): (f32, [f32; 3]),
+        (radiance, light_samples, emitters): (&IncidentRadiance, &LightSamples, &[Emitter]),
+        (gain, user_gain): (f32, [f32; 3]),
         settings: &TransferSettings,
         fill: [f32; 3],
     ) -> DirectionalLight {
         let terms = settings.terms;
-        let beams = beams.tinted([gain; 3]).clamped(MAX_RELATIVE_LIGHT);
+        let light_samples = light_samples.tinted([gain; 3]).clamped(MAX_RELATIVE_LIGHT);
         let (sky, mut suns) = if terms.sums && terms.suns {
-            (beams.gathered(&self.directions), beams.suns.clone())
+            (
+                light_samples.gathered(&self.directions),
+                light_samples.suns.clone(),
+            )
         } else if terms.sums {
-            let all = beams.with_suns_as_sky();
+            let all = light_samples.with_suns_as_sky();
             (all.gathered(&self.directions), Vec::new())
         } else {
             let light = radiance.truncated(settings.sh_degree).scaled(gain);
             (self.series(&light), Vec::new())
         };
-        if suns.is_empty() && !settings.skips.has(Skip::Suns) {
+        if suns.is_empty() && !settings.optimizations.has(Optimization::Suns) {
             // One that holds nothing, to know what it costs.
-            suns.push(Beam {
+            suns.push(LightSample {
                 direction: Vec3::Z,
                 energy: [0.0; 3],
             });
@@ -123,16 +126,19 @@ impl DirectionalAsset {
         let emitters: Vec<Emitter> = (emitters.iter().take(MOST_LIGHTS))
             .map(|e| e.moved(to_rays).tinted([gain; 3]))
             .collect();
-        let (around, near) = (beams.mean_irradiances(), mean_irradiance(self, &emitters));
+        let (around, near) = (
+            light_samples.mean_irradiances(),
+            mean_irradiance(self, &emitters),
+        );
         let means: [f32; 3] =
             std::array::from_fn(|c| (around[c] + near[c]).min(MAX_RELATIVE_LIGHT));
         let mean = means.iter().sum::<f32>() / 3.0;
         // What the user made of the rest counts for its share of all.
-        let told_gain = match emitters.is_empty() {
-            true => told_gain,
+        let user_gain = match emitters.is_empty() {
+            true => user_gain,
             false => std::array::from_fn(|c| {
-                let untold = around[c] / told_gain[c].max(f32::MIN_POSITIVE) + near[c];
-                let told = means[c] / untold;
+                let unset = around[c] / user_gain[c].max(f32::MIN_POSITIVE) + near[c];
+                let told = means[c] / unset;
                 if told.is_finite() && told > 0.0 {
                     told
                 } else {
@@ -144,7 +150,7 @@ impl DirectionalAsset {
             sky,
             suns,
             emitters,
-            told_gain,
+            user_gain,
             mean: std::array::from_fn(|c| means[c] + fill[c] * mean),
             least: std::array::from_fn(|c| settings.epsilon() * means[c] + fill[c] * mean),
         }
@@ -157,7 +163,7 @@ impl DirectionalAsset {
         settings: &TransferSettings,
         among: Option<&'a Surroundings>,
     ) -> Incident<'a> {
-        let all = settings.skips == Skips::NONE;
+        let all = settings.optimizations == Optimizations::NONE;
         let tracing = Tracing::Done { all };
         let mut light = self.met(light, settings, among, tracing);
         light.irradiance = (0..self.bake.len())
@@ -177,7 +183,9 @@ impl DirectionalAsset {
     ) -> Incident<'a> {
         let terms = settings.terms;
         Incident {
-            sight: among.map_or(&self.bake.sight, |a| &a.sight),
+            directional_visibility: among.map_or(&self.bake.directional_visibility, |a| {
+                &a.directional_visibility
+            }),
             first: among.map_or(0, |a| a.first),
             sky: Sky::new(&light.sky),
             suns: light
@@ -192,22 +200,22 @@ impl DirectionalAsset {
             ),
             irradiance: Vec::new(),
             mean: light.mean,
-            told_gain: light.told_gain,
+            user_gain: light.user_gain,
             least: light.least,
             terms,
-            skips: settings.skips,
+            optimizations: settings.optimizations,
             others: None,
         }
     }
 
     /// An SH series by its values, where it is not negative.
-    fn series(&self, light: &IncidentRadiance) -> Vec<Beam> {
+    fn series(&self, light: &IncidentRadiance) -> Vec<LightSample> {
         let omega = 4.0 * PI / DIRECTIONS as f32;
         self.directions
             .iter()
             .map(|d| {
                 let radiance = evaluate_sh(&light.coefficients, light.degree, d.to_array());
-                Beam {
+                LightSample {
                     direction: *d,
                     energy: radiance.map(|v| omega * v.max(0.0)),
                 }
@@ -216,7 +224,12 @@ impl DirectionalAsset {
     }
 
     /// Surfels that a sun shines on, on either side where both count. `[n]`
-    fn seen_from(&self, sun: &Beam, terms: Terms, among: Option<&Surroundings>) -> Vec<bool> {
+    fn seen_from(
+        &self,
+        sun: &LightSample,
+        terms: Terms,
+        among: Option<&Surroundings>,
+    ) -> Vec<bool> {
         let bake = &self.bake;
         if !terms.shadow {
             return vec![true; self.bake.len()];
@@ -276,11 +289,11 @@ impl DirectionalAsset {
         light: &Incident<'_>,
         radiance: &[Radiance],
     ) -> FrontAndBack {
-        let scale = 4.0 * PI / PATCHES as f32;
+        let scale = 4.0 * PI / STRATA as f32;
         let n = scale * self.bake.normals[i];
         let [mut front, mut back] = [Vec3A::ZERO; 2];
         for hit in light.hits(i) {
-            let cosine = light.factor(*hit) * n.dot(self.directions[hit.patch()]);
+            let cosine = light.factor(*hit) * n.dot(self.directions[hit.stratum()]);
             let b = radiance_of(radiance, *hit);
             // Without a branch: it could not be foretold.
             front += cosine.max(0.0) * b;
@@ -304,26 +317,26 @@ impl DirectionalAsset {
         // Next to a direction that is open, what blocks is taken to be as bright as the surfel itself.
         let near = if light.terms.bounce { scale } else { 0.0 };
         let [r, g, b] = (radiance[light.first + i][0] * near).to_array();
-        let mut met = [[r; PATCHES], [g; PATCHES], [b; PATCHES]];
+        let mut met = [[r; STRATA], [g; STRATA], [b; STRATA]];
         for hit in light.hits(i) {
             let b = radiance_of(radiance, *hit);
             let scale = scale * light.factor(*hit);
             for c in 0..3 {
-                met[c][hit.patch()] = b[c] * scale;
+                met[c][hit.stratum()] = b[c] * scale;
             }
         }
         let open = light.open(i);
         out.clear();
-        patches(n, open, &self.planes, &light.sky, &met, out);
+        strata(n, open, &self.planes, &light.sky, &met, out);
         for (k, (sun, open)) in light.suns.iter().enumerate() {
             if open[i] && n.dot(sun.direction) > 0.0 {
-                out.set(PATCHES + k, sun);
+                out.set(STRATA + k, sun);
             }
         }
-        let mut next = PATCHES + light.suns.len();
+        let mut next = STRATA + light.suns.len();
         for near in &light.near {
-            for beam in near.beams(self, i, MAX_RELATIVE_LIGHT) {
-                out.set(next, &beam);
+            for light_sample in near.light_samples(self, i, MAX_RELATIVE_LIGHT) {
+                out.set(next, &light_sample);
                 next += 1;
             }
         }
@@ -342,7 +355,7 @@ impl Incident<'_> {
 
     fn open(&self, i: usize) -> &[u64; WORDS] {
         if self.terms.shadow {
-            self.sight.open_of(i)
+            self.directional_visibility.open_of(i)
         } else {
             &[u64::MAX; WORDS]
         }
@@ -350,7 +363,7 @@ impl Incident<'_> {
 
     fn hits(&self, i: usize) -> &[Hit] {
         if self.terms.shadow && self.terms.bounce {
-            self.sight.hits_of(i)
+            self.directional_visibility.hits_of(i)
         } else {
             &[]
         }
@@ -397,19 +410,19 @@ fn open_irradiance<const SIDES: usize>(n: Vec3, open: &[u64; WORDS], sky: &Sky) 
 
 /// Light of each patch on the front side, from where most of it comes.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn patches(
+fn strata(
     n: Vec3,
     open: &[u64; WORDS],
     directions: &Planes,
     sky: &Sky,
-    met: &PatchPlanes,
+    met: &StratumPlanes,
     out: &mut Rays,
 ) {
-    for start in (0..PATCHES).step_by(LANES) {
+    for start in (0..STRATA).step_by(LANES) {
         let met = [0, 1, 2].map(|c| lanes_of(&met[c], start));
         let mut sums = [[[0f32; LANES]; 3]; 2];
-        for place in 0..PER_PATCH {
-            let first = place * PATCHES + start;
+        for place in 0..PER_STRATUM {
+            let first = place * STRATA + start;
             let bits = (open[first / 64] >> (first % 64)) as u32;
             let at = [0, 1, 2].map(|c| lanes_of(&directions[c], first));
             let (mut seen, mut blocked) = ([0f32; LANES], [0f32; LANES]);

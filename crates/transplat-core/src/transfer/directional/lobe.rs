@@ -7,14 +7,20 @@ use std::f32::consts::PI;
 
 use multiversion::multiversion;
 
-use super::nodes::{BLOCK, Nodes, SurfelFrame};
+use super::nodes::{BLOCK, QuadratureNodes, SurfelFrame};
 use super::rays::Rays;
 
 /// The lobes' widths: the exponents are 2 to these powers. GGX roughness alpha is about `1 / sqrt(p)`.
 pub const WIDTHS: [u32; 5] = [3, 4, 5, 6, 7];
 
 /// Mirrored radiance at the nodes, `[3][Q]` into `out`; the rays are in the world, and `frame` is the surfel's.
-pub fn mirrored(nodes: &Nodes, frame: SurfelFrame, width: u32, rays: &Rays, out: &mut [f32]) {
+pub fn mirrored(
+    nodes: &QuadratureNodes,
+    frame: SurfelFrame,
+    width: u32,
+    rays: &Rays,
+    out: &mut [f32],
+) {
     for start in (0..nodes.count()).step_by(BLOCK) {
         let at = (start, frame);
         // Unrolled for each width: six times as fast as a loop.
@@ -30,7 +36,12 @@ pub fn mirrored(nodes: &Nodes, frame: SurfelFrame, width: u32, rays: &Rays, out:
 
 /// Evaluates lobes of all [`WIDTHS`], `[WIDTHS][3][Q]`: one lobe is the square of the one before, three and two at once and few nodes, so that their
 /// sums stay in registers.
-pub(super) fn mirrored_by_all(nodes: &Nodes, frame: SurfelFrame, rays: &Rays, out: &mut [f32]) {
+pub(super) fn mirrored_by_all(
+    nodes: &QuadratureNodes,
+    frame: SurfelFrame,
+    rays: &Rays,
+    out: &mut [f32],
+) {
     const FEW: usize = 8;
     const { assert!(matches!(WIDTHS, [3, 4, 5, 6, 7])) };
     let (first, rest) = out.split_at_mut(3 * 3 * nodes.count());
@@ -43,7 +54,7 @@ pub(super) fn mirrored_by_all(nodes: &Nodes, frame: SurfelFrame, rays: &Rays, ou
 /// Sums the first nodes from `start` on by lobes of consecutive widths, `[LOBES][3][Q]`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 fn sum_lobes<const WIDTH: u32, const LOBES: usize, const NODES: usize>(
-    nodes: &Nodes,
+    nodes: &QuadratureNodes,
     at: (usize, SurfelFrame),
     rays: &Rays,
     out: &mut [f32],

@@ -13,14 +13,14 @@ impl DirectionalTransfer {
     pub(super) fn materials_of(&self, whitest: Option<f32>) -> Materials {
         let each = (0..self.asset.bake.len()).into_par_iter();
         let each = each.map(|i| self.material(i)).collect();
-        let seen = self.asset.bake.prominence.iter().copied();
+        let seen = self.asset.bake.visible_weight.iter().copied();
         Materials::of(each, seen, whitest)
     }
 
     /// As light and pictures tell it, albedos of any size.
     fn material(&self, i: usize) -> Material {
         let asset = &*self.asset;
-        let front = weighted_mean(&asset.nodes.weights, &self.matte_of(i, &mut Vec::new()));
+        let front = weighted_mean(&asset.nodes.weights, &self.diffuse_of(i, &mut Vec::new()));
         let back = if self.settings.terms.two_sided {
             asset.bake.two_sided[i]
         } else {
@@ -33,9 +33,9 @@ impl DirectionalTransfer {
             let divisor = ((d0[c] + back * d1[c]) / (1.0 + back)).max(LEAST_IRRADIANCE);
             radiance * (PI * self.light_gain / divisor).powf(self.trust)
         });
-        let (gloss, glow) = (&self.gloss[i], self.glow_of(i));
-        let reflectance = gloss.reflectance.map(|k| k * self.light_gain);
-        let is_metal = !gloss.is_matte() && !gloss.rises;
+        let (specular_lobe, emission_share) = (&self.specular_lobe[i], self.emission_share_of(i));
+        let reflectance = specular_lobe.reflectance.map(|k| k * self.light_gain);
+        let is_metal = !specular_lobe.is_diffuse() && !specular_lobe.has_fresnel;
         let mirrored = if is_metal { reflectance } else { [0.0; 3] };
         let base = sum(albedo, mirrored);
         let total = |v: [f32; 3]| v.iter().sum::<f32>();
@@ -48,14 +48,14 @@ impl DirectionalTransfer {
                 0.0
             },
             // GGX's alpha is about the root of one over the lobe's exponent.
-            roughness: if gloss.is_matte() {
+            roughness: if specular_lobe.is_diffuse() {
                 1.0
             } else {
-                ((1u32 << gloss.width) as f32).powf(-0.25)
+                ((1u32 << specular_lobe.width) as f32).powf(-0.25)
             },
             reflectance,
-            glow,
-            emission: front.map(|v| glow * v),
+            emission_share,
+            emission: front.map(|v| emission_share * v),
         }
     }
 }

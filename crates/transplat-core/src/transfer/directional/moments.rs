@@ -1,7 +1,7 @@
 //! What a surfel's colour has to do with what it mirrors of the source light, as the view changes.
 
 use super::lobe::{WIDTHS, mirrored, mirrored_by_all};
-use super::nodes::{Nodes, SurfelFrame, product};
+use super::nodes::{QuadratureNodes, SurfelFrame, product};
 use super::rays::Rays;
 use crate::sh::coefficient_count;
 
@@ -28,7 +28,7 @@ pub struct Held {
     mirrored: Vec<f32>,
     /// Colour of one lobe, channels together. `[Q]`
     lit: Vec<[f32; 3]>,
-    /// [`Nodes::moments`] of that. `[2][K]`
+    /// [`QuadratureNodes::moments`] of that. `[2][K]`
     of_lit: Vec<[f32; 3]>,
     /// Deviation of the colour from its mean, by weight, as values at the nodes. `[Q]`
     off: Vec<[f32; 3]>,
@@ -39,14 +39,14 @@ impl Held {
     /// Mean of one lobe, without or with Fresnel term; `rays` are set.
     pub fn mean(
         &mut self,
-        (nodes, frame): (&Nodes, SurfelFrame),
-        (width, rises): (usize, bool),
+        (nodes, frame): (&QuadratureNodes, SurfelFrame),
+        (width, has_fresnel): (usize, bool),
     ) -> [f32; 3] {
         let (q, k) = (nodes.count(), coefficient_count(nodes.degree));
         self.mirrored.resize(WIDTHS.len() * 3 * q, 0.0);
         mirrored(nodes, frame, WIDTHS[width], &self.rays, &mut self.mirrored);
         let weights = || {
-            nodes.moments[usize::from(rises) * k..]
+            nodes.moments[usize::from(has_fresnel) * k..]
                 .iter()
                 .step_by(2 * k)
         };
@@ -61,7 +61,7 @@ impl Held {
     /// colour's variance; `rays` are set.
     pub fn moments(
         &mut self,
-        (nodes, frame): (&Nodes, SurfelFrame),
+        (nodes, frame): (&QuadratureNodes, SurfelFrame),
         colors: &[[f32; 3]],
         mean: [f32; 3],
     ) -> (AllMoments, [f32; 3]) {
@@ -102,7 +102,7 @@ impl Held {
     }
 }
 
-fn color_variance(nodes: &Nodes, colors: &[[f32; 3]], mean: [f32; 3]) -> [f32; 3] {
+fn color_variance(nodes: &QuadratureNodes, colors: &[[f32; 3]], mean: [f32; 3]) -> [f32; 3] {
     let mut sum = [0f32; 3];
     for (w, c) in nodes.weights.iter().zip(colors) {
         for k in 0..3 {
@@ -117,19 +117,19 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::environment::Beam;
+    use crate::environment::LightSample;
     use crate::sh::lattice;
 
     #[test]
     fn all_lobes_at_once_are_each_of_them_and_so_are_their_means() {
         for degree in [1, 3, 5] {
-            let nodes = Nodes::new(degree);
+            let nodes = QuadratureNodes::new(degree);
             let q = nodes.count();
             let frame = SurfelFrame::new(Vec3::new(0.3, -0.5, 0.8).normalize());
             let mut held = Held::default();
             for (ray, direction) in lattice(60).into_iter().enumerate() {
                 let energy = [0, 1, 2].map(|c| 1.0 + ((ray * 7 + c) as f32).sin());
-                held.rays.set(ray, &Beam { direction, energy });
+                held.rays.set(ray, &LightSample { direction, energy });
             }
             let colors: Vec<[f32; 3]> = (0..q).map(|s| [s as f32, 1.0, (s * s) as f32]).collect();
             let (moments, _) = held.moments((&nodes, frame), &colors, [0.0; 3]);
@@ -141,9 +141,9 @@ mod tests {
                 for (a, b) in together.iter().zip(&alone) {
                     assert!((a - b).abs() <= 1e-5 * b.abs(), "degree {degree}: {a} {b}");
                 }
-                for rises in [false, true] {
-                    let mean = held.mean((&nodes, frame), (width, rises));
-                    let found = moments[usize::from(rises)][width].mean;
+                for has_fresnel in [false, true] {
+                    let mean = held.mean((&nodes, frame), (width, has_fresnel));
+                    let found = moments[usize::from(has_fresnel)][width].mean;
                     for (a, b) in mean.iter().zip(&found) {
                         assert!((a - b).abs() <= 1e-5 * b.abs(), "degree {degree}: {a} {b}");
                     }

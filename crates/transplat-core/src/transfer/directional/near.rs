@@ -8,23 +8,23 @@ use std::sync::Arc;
 use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
-use super::asset::DirectionalAsset;
-use super::met::Met;
+use super::asset::DirectionalCache;
+use super::light_visibility::LightVisibility;
 use super::rays::Rays;
-use crate::bake::patches::PATCHES;
+use crate::bake::strata::STRATA;
 use crate::bake::surroundings::Surroundings;
 use crate::bake::trace::{PACKET, RayStart, Stack, Tracer};
-use crate::environment::{Beam, Emitter, FEW, MAX_SUNS, MOST_LIGHTS, MOST_PARTS, Shape};
+use crate::environment::{Emitter, FEW, LightSample, MAX_SUNS, MOST_LIGHTS, MOST_PARTS, Shape};
 
 /// Each may be mirrored in as many rays as it has parts.
-const _: () = assert!(PATCHES + MAX_SUNS + MOST_LIGHTS * MOST_PARTS <= Rays::MOST);
+const _: () = assert!(STRATA + MAX_SUNS + MOST_LIGHTS * MOST_PARTS <= Rays::MOST);
 
 /// A light as an asset meets it.
 #[derive(Clone, Debug)]
 pub struct NearLight {
     /// In the coordinates of its rays.
     pub emitter: Emitter,
-    met: Arc<Met>,
+    met: Arc<LightVisibility>,
 }
 
 /// Effort for the shadows of placed lights.
@@ -105,7 +105,7 @@ fn shift_of(place: usize) -> [f32; 2] {
 /// A ray to the light ends that much before it, relative to how far it is: a surface that the light lies on does not block it.
 const SHORT_OF: f32 = 1e-4;
 
-impl DirectionalAsset {
+impl DirectionalCache {
     /// From the asset's coordinates to those of its rays.
     pub(super) fn rays_from_asset(&self) -> Affine3A {
         let tracer = &self.bake.tracer;
@@ -123,12 +123,12 @@ impl DirectionalAsset {
         // Among others, what is kept may be of another place.
         let mut kept = Vec::new();
         if among.is_none() && !lights.is_empty() && tracing != Tracing::None {
-            kept = self.last_met.get();
+            kept = self.shadow_cache.get();
         }
         let near: Vec<NearLight> = lights
             .iter()
             .map(|emitter| {
-                let is_it = |m: &&Arc<Met>| m.shape == emitter.shape;
+                let is_it = |m: &&Arc<LightVisibility>| m.shape == emitter.shape;
                 let known = kept.iter().find(is_it).cloned();
                 let trace = || Arc::new(self.trace_light(&emitter.shape, tracing, among));
                 NearLight {
@@ -139,13 +139,18 @@ impl DirectionalAsset {
             .collect();
         if among.is_none() && matches!(tracing, Tracing::Done { .. }) {
             let met = near.iter().map(|light| light.met.clone());
-            self.last_met.set(met.collect());
+            self.shadow_cache.set(met.collect());
         }
         near
     }
 
     /// Traces shadow rays from each surfel to a light.
-    fn trace_light(&self, shape: &Shape, tracing: Tracing, among: Option<&Surroundings>) -> Met {
+    fn trace_light(
+        &self,
+        shape: &Shape,
+        tracing: Tracing,
+        among: Option<&Surroundings>,
+    ) -> LightVisibility {
         let (is_shadowed, every) = match tracing {
             Tracing::Done { all } => (true, all),
             Tracing::Known | Tracing::None => (false, false),
@@ -178,7 +183,7 @@ impl DirectionalAsset {
                 [0, 1].map(|side| open[side] * shares[side])
             })
             .collect();
-        Met {
+        LightVisibility {
             shape: *shape,
             irradiance,
             seen,
@@ -316,12 +321,12 @@ impl NearLight {
     }
 
     /// Light of its parts on the front of surfel `i`, as rays.
-    pub(super) fn beams(
+    pub(super) fn light_samples(
         &self,
-        asset: &DirectionalAsset,
+        asset: &DirectionalCache,
         i: usize,
         most: f32,
-    ) -> impl Iterator<Item = Beam> {
+    ) -> impl Iterator<Item = LightSample> {
         let (shape, parts) = (self.emitter.shape, self.met.shape.parts());
         let surfel = &asset.bake.tracer.surfels[i];
         let (at, nearest, normal) = (surfel.position, surfel.minor, asset.bake.normals[i]);
@@ -334,7 +339,7 @@ impl NearLight {
             // Of a sun, its middle.
             let across = if parts == 1 { 1 } else { FEW };
             let to = shape.sample((part, across), [0.5; 2], at, nearest);
-            (to.direction.dot(normal) > 0.0 && to.strength > 0.0).then(|| Beam {
+            (to.direction.dot(normal) > 0.0 && to.strength > 0.0).then(|| LightSample {
                 direction: to.direction,
                 energy: emission.map(|e| (e * to.strength * seen).min(most)),
             })
@@ -346,7 +351,7 @@ impl NearLight {
 const ASKED: usize = 4096;
 
 /// Mean over the surfels of what lights shine on them, all ways that they could face alike.
-pub(super) fn mean_irradiance(asset: &DirectionalAsset, lights: &[Emitter]) -> [f32; 3] {
+pub(super) fn mean_irradiance(asset: &DirectionalCache, lights: &[Emitter]) -> [f32; 3] {
     let surfels = &asset.bake.tracer.surfels;
     let asked = || surfels.iter().step_by(surfels.len().div_ceil(ASKED).max(1));
     let mut sum = [0f64; 3];
@@ -376,13 +381,13 @@ mod tests {
     use crate::transfer::directional::DirectionalTransfer;
     use crate::transfer::relit::Part;
 
-    fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalAsset> {
+    fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalCache> {
         let settings = TransferSettings::default();
         let bake = DirectionalBake::bake(cloud, &no_progress).expect("not cancelled");
-        Arc::new(DirectionalAsset::new(
+        Arc::new(DirectionalCache::new(
             cloud,
             Arc::new(bake),
-            &settings.skips,
+            &settings.optimizations,
         ))
     }
 
@@ -393,7 +398,7 @@ mod tests {
     }
 
     /// What lights, in the asset's coordinates, shine on the two sides of each surfel, their shadows traced. `[n]`
-    fn irradiance_of(asset: &DirectionalAsset, lights: &[Emitter], all: bool) -> Vec<FrontAndBack> {
+    fn irradiance_of(asset: &DirectionalCache, lights: &[Emitter], all: bool) -> Vec<FrontAndBack> {
         let to_rays = asset.rays_from_asset();
         let lights: Vec<Emitter> = lights.iter().map(|e| e.moved(to_rays)).collect();
         let near = asset.meet(&lights, Tracing::Done { all }, None);
@@ -531,7 +536,7 @@ mod tests {
         let prepared = transfer_of(&cloud);
         let toward = Vec3::new(0.5, -0.3, 0.8).normalize();
         let mut sun = dark();
-        sun.add(Beam {
+        sun.add(LightSample {
             direction: toward,
             energy: [3.0, 2.0, 1.0],
         });
@@ -649,7 +654,7 @@ mod tests {
                     Shape::Spot {
                         position,
                         axis: -Vec3::Z,
-                        beam: 0.0,
+                        light_sample: 0.0,
                         cutoff: 0.0,
                     },
                 ] {

@@ -26,7 +26,7 @@ const FEWEST_ASKED: usize = 4;
 
 /// Error of the relit colour of single surfels (relative L2) by sharing: 2 to 12 % on six objects of 240,000, most of it 4 to 6, of which the truth
 /// gets nearer.
-pub(super) const SHARED_GLOSS_ERROR: f32 = 0.12;
+pub(super) const SHARED_LOBES_ERROR: f32 = 0.12;
 
 /// The surfels nearest to each in place and normal: probably of the same stuff.
 ///
@@ -55,8 +55,8 @@ pub(super) fn asked_one_in(surfels: usize) -> usize {
 const NOT_ASKED: u32 = u32::MAX;
 
 impl Neighbors {
-    /// One in so many is asked; `prominence` is how much each makes up of what is seen, `[n]`.
-    pub fn new(points: &[PlaceAndNormal], one_in: usize, prominence: &[f32]) -> Self {
+    /// One in so many is asked; `visible_weight` is how much each makes up of what is seen, `[n]`.
+    pub fn new(points: &[PlaceAndNormal], one_in: usize, visible_weight: &[f32]) -> Self {
         let n = points.len();
         if n <= EACH_OWN && one_in == 1 {
             let nearest = Nearest::new(points, NEIGHBORS);
@@ -69,7 +69,7 @@ impl Neighbors {
         let asked_of = |group: &&[u32]| -> Vec<u32> {
             let mut asked = group.to_vec();
             if one_in > 1 {
-                let seen = |i: &u32| prominence[*i as usize];
+                let seen = |i: &u32| visible_weight[*i as usize];
                 asked.sort_by(|a, b| seen(b).total_cmp(&seen(a)));
                 asked.truncate(group.len().div_ceil(one_in));
             }

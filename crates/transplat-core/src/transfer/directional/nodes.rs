@@ -28,7 +28,7 @@ pub(super) const BLOCK: usize = 32;
 
 /// The quadrature and its matrices for one degree of the asset's colour.
 #[derive(Clone, Debug)]
-pub struct Nodes {
+pub struct QuadratureNodes {
     /// Degree of the colour.
     pub degree: usize,
     /// Directions to the camera in the surfel's frame, z up. `[Q]`
@@ -56,11 +56,11 @@ pub struct Nodes {
     /// Projection of values at the nodes of the front, and of the back. `[Q][K]` each
     pub project: [Vec<f32>; 2],
     /// Product of a function with a factor on the nodes of a height, those of the front before those of the back: a number for each pair of bands l
-    /// <= l' of each order m >= 0, in [`Nodes::bands`]' order. `[pairs][2 heights]`
+    /// <= l' of each order m >= 0, in [`QuadratureNodes::bands`]' order. `[pairs][2 heights]`
     by_height: Vec<f32>,
 }
 
-impl Nodes {
+impl QuadratureNodes {
     /// Nodes for colour of a degree: `degree + 1` heights times twice as many azimuths.
     pub fn new(degree: usize) -> Self {
         let k = coefficient_count(degree);
@@ -409,7 +409,7 @@ mod tests {
     #[test]
     fn a_fit_of_a_functions_own_values_is_close_to_it_where_it_is_seen() {
         for degree in 0..=4 {
-            let nodes = Nodes::new(degree);
+            let nodes = QuadratureNodes::new(degree);
             let f = function(degree);
             let values = nodes.values(&nodes.evaluate, &f);
             let back = nodes.values(&nodes.evaluate, &nodes.function(&nodes.fit, &values));
@@ -424,7 +424,7 @@ mod tests {
     #[test]
     fn moments_of_values_are_those_of_what_their_fit_shows() {
         for degree in [1, 2, 3, 4, 8] {
-            let nodes = Nodes::new(degree);
+            let nodes = QuadratureNodes::new(degree);
             let (q, k) = (nodes.count(), coefficient_count(degree));
             let wave =
                 |s: usize, turn: f32| [(s as f32 * turn).sin(), (s as f32 * turn).cos(), 0.3];
@@ -494,7 +494,7 @@ mod tests {
     #[test]
     fn a_factor_by_height_is_the_same_at_the_nodes() {
         for degree in 0..=4 {
-            let nodes = Nodes::new(degree);
+            let nodes = QuadratureNodes::new(degree);
             let f = function(degree);
             let heights: Vec<f32> = nodes.heights().collect();
             let factor = |h: usize| Vec3A::new((h as f32).sin(), 1.0 / (1 + h) as f32, h as f32);
@@ -530,7 +530,7 @@ mod tests {
 
     #[test]
     fn the_two_sides_project_a_function_exactly() {
-        let nodes = Nodes::new(3);
+        let nodes = QuadratureNodes::new(3);
         let f = function(3);
         let front = nodes.function(&nodes.project[0], &nodes.values(&nodes.evaluate, &f));
         let back = nodes.function(&nodes.project[1], &nodes.values(&nodes.evaluate_back, &f));

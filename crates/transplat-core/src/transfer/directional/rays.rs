@@ -1,6 +1,6 @@
 //! What shines on a surfel, as rays.
 
-use crate::environment::Beam;
+use crate::environment::LightSample;
 
 /// Light on a surfel, a ray from each patch and sun: in planes, since many are written at once, with a list of those that are lit.
 #[derive(Clone, Debug)]
@@ -30,10 +30,10 @@ impl Rays {
     }
 
     /// Sets a ray and lists it.
-    pub fn set(&mut self, ray: usize, beam: &Beam) {
+    pub fn set(&mut self, ray: usize, light_sample: &LightSample) {
         for c in 0..3 {
-            self.direction[c][ray] = beam.direction[c];
-            self.energy[c][ray] = beam.energy[c];
+            self.direction[c][ray] = light_sample.direction[c];
+            self.energy[c][ray] = light_sample.energy[c];
         }
         self.list_if(true, ray);
     }

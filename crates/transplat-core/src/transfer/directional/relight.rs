@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::gloss::LEAST_GLOSS;
-use super::neighbors::SHARED_GLOSS_ERROR;
+use super::neighbors::SHARED_LOBES_ERROR;
+use super::specular_lobe::LEAST_GLOSS;
 use super::{
     DirectionalLight, DirectionalTransfer, FrontAndBack, Incident, LEAST_IRRADIANCE, Radiance,
     Scratch, TURNS,
@@ -12,7 +12,7 @@ use crate::color_rows::ColorRows;
 use crate::environment::Illumination;
 use crate::error::Result;
 use crate::settings::Terms;
-use crate::settings::skips::{Skip, Skipped, Stage};
+use crate::settings::optimizations::{Optimization, SkippedWork, Stage};
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 use crate::transfer::materials::Materials;
@@ -64,17 +64,17 @@ impl DirectionalTransfer {
                     self.relight_surfel(i, (light, part), tau[i], radiance, scratch, out);
                 }
             }
-            let matte = self.matte(part);
-            matte.add_backs(first, &tau, &scratch.backs, &mut scratch.lanes, out);
+            let diffuse = self.diffuse(part);
+            diffuse.add_backs(first, &tau, &scratch.backs, &mut scratch.lanes, out);
         });
-        let mut fronts: Vec<[f32; 3]> = tau.into_iter().map(|t| t[0]).collect();
+        let mut outward_sides: Vec<[f32; 3]> = tau.into_iter().map(|t| t[0]).collect();
         // They are where both sides were.
-        fronts.shrink_to_fit();
+        outward_sides.shrink_to_fit();
         RelitRows {
             sh,
             degree: asset.nodes.degree,
             encoding: asset.encoding,
-            tau: fronts,
+            tau: outward_sides,
         }
     }
 
@@ -128,37 +128,40 @@ impl Relight for DirectionalTransfer {
         shown
     }
 
-    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
+    fn skipped_work(&self, cloud: &SurfelCloud) -> Vec<SkippedWork> {
         let mut out = switched_off(&self.settings);
         let (n, asset) = (self.asset.bake.len(), &self.asset);
         let degree = asset.nodes.degree;
         if degree < cloud.sh_degree {
             let what = format!("SH bands above {degree}");
             let why = "the asset's colour has nothing there";
-            out.push(Skipped {
-                skip: Some(Skip::EmptyBands),
+            out.push(SkippedWork {
+                skip: Some(Optimization::EmptyBands),
                 // Stored colour, its residual, and the result.
                 bytes: 3 * empty_bytes(n, cloud.sh_degree, degree),
-                ..Skipped::exact(Stage::Transfer, what, why)
+                ..SkippedWork::exact(Stage::Transfer, what, why)
             });
         }
         let asked = asset.neighbors.asked().len();
         if asked < n {
             let told = 100.0 * (n - asked) as f32 / n as f32;
             let why = format!("{told:.0} % of the surfels are told by their neighbours");
-            out.push(Skipped {
-                skip: Some(Skip::SharedGloss),
-                max_error: Some(SHARED_GLOSS_ERROR),
-                ..Skipped::exact(Stage::Prepare, "what each surfel is made of", why)
+            out.push(SkippedWork {
+                skip: Some(Optimization::SharedLobes),
+                max_error: Some(SHARED_LOBES_ERROR),
+                ..SkippedWork::exact(Stage::Prepare, "what each surfel is made of", why)
             });
         }
         if self.settings.terms.lobe
-            && self.settings.skips.has(Skip::Matte)
-            && self.glossy_surfels < n
+            && self
+                .settings
+                .optimizations
+                .has(Optimization::DiffuseSurfels)
+            && self.specular_surfels < n
         {
-            let (what, why) = if self.glossy_surfels > 0 {
-                let matte = 100.0 * (n - self.glossy_surfels) as f32 / n as f32;
-                let what = format!("the lobe of {matte:.0} % of the surfels");
+            let (what, why) = if self.specular_surfels > 0 {
+                let diffuse = 100.0 * (n - self.specular_surfels) as f32 / n as f32;
+                let what = format!("the lobe of {diffuse:.0} % of the surfels");
                 (what, "their colour shows no gloss that is seen")
             } else if self.trust < 1.0 {
                 let why =
@@ -173,31 +176,36 @@ impl Relight for DirectionalTransfer {
                 let why = "the asset's colour does not depend on the view";
                 ("specular lobe".into(), why)
             };
-            let any = self.faintly_glossy > 0;
-            out.push(Skipped {
-                skip: Some(Skip::Matte),
+            let any = self.faintly_specular > 0;
+            out.push(SkippedWork {
+                skip: Some(Optimization::DiffuseSurfels),
                 max_error: Some(if any { LEAST_GLOSS } else { 0.0 }),
-                ..Skipped::exact(Stage::Transfer, what, why)
+                ..SkippedWork::exact(Stage::Transfer, what, why)
             });
         }
         if self.turns() < TURNS && self.settings.terms.bounce && self.settings.terms.shadow {
             let why = "no light bounces between surfels";
-            out.push(Skipped {
-                skip: Some(Skip::Bounces),
-                ..Skipped::exact(Stage::Transfer, "turns of the bounce", why)
+            out.push(SkippedWork {
+                skip: Some(Optimization::Bounces),
+                ..SkippedWork::exact(Stage::Transfer, "turns of the bounce", why)
             });
         }
         out
     }
 
-    fn left_out_for(&self, light: &Illumination, _: bool) -> Option<Skipped> {
+    fn skipped_work_for(&self, light: &Illumination, _: bool) -> Option<SkippedWork> {
         let Terms { sums, suns, .. } = self.settings.terms;
-        let has_none = light.beams.as_ref().is_none_or(|b| b.suns.is_empty());
+        let has_none = light
+            .light_samples
+            .as_ref()
+            .is_none_or(|b| b.suns.is_empty());
         let has_none = has_none && light.emitters.is_empty();
-        (has_none && sums && suns && self.settings.skips.has(Skip::Suns)).then(|| Skipped {
-            skip: Some(Skip::Suns),
-            ..Skipped::exact(Stage::Transfer, "rays to suns", "the light has no sun")
-        })
+        (has_none && sums && suns && self.settings.optimizations.has(Optimization::Suns)).then(
+            || SkippedWork {
+                skip: Some(Optimization::Suns),
+                ..SkippedWork::exact(Stage::Transfer, "rays to suns", "the light has no sun")
+            },
+        )
     }
 
     fn light_gain(&self) -> f32 {
@@ -210,13 +218,13 @@ impl Relight for DirectionalTransfer {
 
     fn bytes(&self) -> usize {
         let bake = &self.asset.bake;
-        bake.sight.bytes()
+        bake.directional_visibility.bytes()
             + size_of_val(&bake.normals[..])
             + size_of_val(&self.asset.means[..])
-            + size_of_val(&self.gloss[..])
-            + size_of_val(&self.glow[..])
+            + size_of_val(&self.specular_lobe[..])
+            + size_of_val(&self.emission_share[..])
             + size_of_val(&self.divisor[..])
-            + self.matte.bytes()
+            + self.diffuse.bytes()
             + self.residual.bytes()
             + size_of_val(&self.encoded_mean[..])
             + size_of_val(&self.darkest[..])

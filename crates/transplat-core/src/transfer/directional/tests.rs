@@ -2,8 +2,8 @@ use std::f32::consts::PI;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::gloss::LEAST_GLOSS;
 use super::neighbors::Neighbors;
+use super::specular_lobe::LEAST_GLOSS;
 use super::*;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::trace::places_and_normals;
@@ -12,18 +12,22 @@ use crate::color_rows::SHORT_FROM;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::progress::no_progress;
 use crate::settings::GLOW_ABOVE;
-use crate::settings::skips::Skips;
+use crate::settings::optimizations::Optimizations;
 use crate::surfels::SurfelCloud;
 use crate::synthetic;
 use crate::transfer::materials::Material;
 use crate::transfer::{Relight, Relit};
 
-fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalAsset> {
+fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalCache> {
     let bake = Arc::new(DirectionalBake::all_rays(cloud));
-    Arc::new(DirectionalAsset::new(cloud, bake, &Skips::default()))
+    Arc::new(DirectionalCache::new(
+        cloud,
+        bake,
+        &Optimizations::default(),
+    ))
 }
 
-fn prepared(asset: &Arc<DirectionalAsset>, source: &Illumination) -> DirectionalTransfer {
+fn prepared(asset: &Arc<DirectionalCache>, source: &Illumination) -> DirectionalTransfer {
     DirectionalTransfer::new(asset, source, &TransferSettings::default()).expect("with beams")
 }
 
@@ -37,7 +41,7 @@ impl DirectionalTransfer {
 /// What the window shows is what is exported, but for sixteen bits: every part, and surfels that nobody sees.
 #[test]
 fn rows_hold_what_is_relit() {
-    let asset = asset_of(&glossy());
+    let asset = asset_of(&specular());
     let transfer = prepared(&asset, &sky(DVec3::new(0.4, 0.2, 0.9), [1.0; 3]));
     let target = sky(DVec3::new(-0.6, 0.5, 0.6), [1.2, 1.0, 0.7]);
     let light = transfer.light(&target).expect("with beams");
@@ -73,7 +77,7 @@ fn sky(sun: DVec3, tint: [f32; 3]) -> Illumination {
 }
 
 /// A sphere over a plate whose colour varies with the place and the view.
-fn glossy() -> SurfelCloud {
+fn specular() -> SurfelCloud {
     let mut cloud = synthetic::sphere_over_plate(500);
     let k = coefficient_count(3);
     cloud.sh = cloud
@@ -102,7 +106,7 @@ fn farthest(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
 
 #[test]
 fn the_source_light_returns_the_asset() {
-    let cloud = glossy();
+    let cloud = specular();
     let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
     let relit = prepared(&asset_of(&cloud), &source).relight_by(&source);
     // The bounced light's fixed point starts at the source's own radiance, so nothing but rounding is left.
@@ -113,7 +117,7 @@ fn the_source_light_returns_the_asset() {
 
 #[test]
 fn the_strength_of_both_lights_changes_nothing() {
-    let cloud = glossy();
+    let cloud = specular();
     let asset = asset_of(&cloud);
     let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
     let target = sky(DVec3::new(-0.8, 0.3, 0.4), [0.4, 0.6, 1.0]);
@@ -144,7 +148,7 @@ fn a_matte_sphere_takes_its_analytic_irradiance() {
 
 #[test]
 fn a_black_target_is_black_and_a_black_source_is_finite() {
-    let cloud = glossy();
+    let cloud = specular();
     let asset = asset_of(&cloud);
     let black = Illumination::even(3).scaled(0.0);
     let relit = prepared(&asset, &Illumination::even(3)).relight_by(&black);
@@ -158,7 +162,7 @@ fn a_black_target_is_black_and_a_black_source_is_finite() {
 
 #[test]
 fn turning_asset_and_lights_turns_the_result() {
-    let cloud = glossy();
+    let cloud = specular();
     let turn = DMat3::from_axis_angle(DVec3::new(0.3, -0.2, 0.9).normalize(), 1.1);
     let turned = synthetic::turned(&cloud, turn);
     let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
@@ -188,9 +192,9 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         cloud.sh = vec![[0.1; 3]; cloud.len() * 16].into();
         let asset = asset_of(&cloud);
         let settings = TransferSettings::default();
-        let beams = source.for_directional().expect("with beams");
+        let light_samples = source.for_directional().expect("with beams");
         let light = asset.light(
-            (beams.0, beams.1, &[]),
+            (light_samples.0, light_samples.1, &[]),
             (1.0, [1.0; 3]),
             &settings,
             [0.0; 3],
@@ -220,12 +224,16 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             cloud.sh[i * 16..][..16].copy_from_slice(&f);
         }
         let transfer = prepared(&asset_of(&cloud), &source);
-        let is_metal = |g: &&Gloss| !g.is_matte() && !g.rises;
-        let metals = transfer.gloss.iter().filter(is_metal).count();
+        let is_metal = |g: &&SpecularLobe| !g.is_diffuse() && !g.has_fresnel;
+        let metals = transfer.specular_lobe.iter().filter(is_metal).count();
         if metal {
             assert!(metals * 10 > 9 * cloud.len(), "{metals}");
             // The colour was made under the light as it is, and is explained by the light that the transfer works in.
-            let sum: f32 = transfer.gloss.iter().map(|g| g.reflectance[1]).sum();
+            let sum: f32 = transfer
+                .specular_lobe
+                .iter()
+                .map(|g| g.reflectance[1])
+                .sum();
             let mean = sum * transfer.light_gain / cloud.len() as f32;
             assert!((mean - 0.8).abs() < 0.1, "{mean}");
             let mean = |of: fn(&Material) -> f32| mean_of(&transfer, of);
@@ -238,14 +246,22 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             let few = Arc::get_mut(&mut asset).expect("nobody else has it");
             let bake = &few.bake;
             let points = places_and_normals(&bake.tracer.surfels, &bake.normals);
-            few.neighbors = Neighbors::new(&points, 4, &bake.prominence);
+            few.neighbors = Neighbors::new(&points, 4, &bake.visible_weight);
             assert!(few.neighbors.asked().len() * 3 < cloud.len());
             let told = prepared(&asset, &source);
-            let off = |(a, b): (&Gloss, &Gloss)| {
-                assert!(a.rises == b.rises && a.width == b.width, "{a:?} {b:?}");
+            let off = |(a, b): (&SpecularLobe, &SpecularLobe)| {
+                assert!(
+                    a.has_fresnel == b.has_fresnel && a.width == b.width,
+                    "{a:?} {b:?}"
+                );
                 (a.reflectance[1] / b.reflectance[1] - 1.0).abs()
             };
-            let off: f32 = told.gloss.iter().zip(&transfer.gloss).map(off).sum();
+            let off: f32 = told
+                .specular_lobe
+                .iter()
+                .zip(&transfer.specular_lobe)
+                .map(off)
+                .sum();
             assert!(off < 0.02 * cloud.len() as f32, "{off}");
         } else {
             assert_eq!(metals, 0);
@@ -253,23 +269,23 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             assert!((mean(|m| m.base_color[1]) - 0.5).abs() < 0.02);
             assert!(mean(|m| m.metallic) == 0.0);
             let most = transfer
-                .gloss
+                .specular_lobe
                 .iter()
                 .map(|g| g.reflectance[1])
                 .fold(0f32, f32::max);
             assert!(most < 0.02, "{most}");
             // What regression finds of it all the same is too faint to be seen, and leaving it out changes what is seen by no more.
-            assert!(transfer.faintly_glossy > 0);
+            assert!(transfer.faintly_specular > 0);
             let settings = TransferSettings {
-                skips: Skips::default().without(Skip::Matte),
+                optimizations: Optimizations::default().without(Optimization::DiffuseSurfels),
                 ..TransferSettings::default()
             };
             let asset = asset_of(&cloud);
             let exact = DirectionalTransfer::new(&asset, &source, &settings).expect("with beams");
             let target = sky(DVec3::new(-0.6, 0.3, 0.7), [0.8, 0.9, 1.0]);
-            let (exact, left_out) = (exact.relight_by(&target), transfer.relight_by(&target));
+            let (exact, skipped_work) = (exact.relight_by(&target), transfer.relight_by(&target));
             let brightest = exact.sh.iter().flatten().fold(0f32, |a, b| a.max(*b));
-            let off = farthest(&exact.sh, &left_out.sh);
+            let off = farthest(&exact.sh, &skipped_work.sh);
             assert!(off < LEAST_GLOSS * brightest, "{off} of {brightest}");
         }
     }
@@ -284,20 +300,24 @@ fn mean_of(transfer: &DirectionalTransfer, of: fn(&Material) -> f32) -> f32 {
 /// Of 0.5 of the light a white surface scatters 0.5 / pi; the widest lobe's peak is 9 / 4 pi.
 #[test]
 fn gloss_that_does_not_show_beside_white_is_taken_away() {
-    let gloss = |green: f32| Gloss {
+    let specular_lobe = |green: f32| SpecularLobe {
         reflectance: [0.0, green, 0.0],
         width: 3,
-        rises: true,
+        has_fresnel: true,
     };
     let least = 1e-3 * 0.5 * 4.0 / 9.0;
-    let mut all = [gloss(0.9 * least), gloss(1.1 * least), Gloss::default()];
-    assert_eq!(Gloss::take_unseen(&mut all, 0.5), 1);
-    assert_eq!(all.map(|g| g.is_matte()), [true, false, true]);
+    let mut all = [
+        specular_lobe(0.9 * least),
+        specular_lobe(1.1 * least),
+        SpecularLobe::default(),
+    ];
+    assert_eq!(SpecularLobe::take_unseen(&mut all, 0.5), 1);
+    assert_eq!(all.map(|g| g.is_diffuse()), [true, false, true]);
 }
 
 #[test]
 fn extreme_lights_are_finite_and_what_the_source_lacks_stays_bounded() {
-    let cloud = glossy();
+    let cloud = specular();
     let asset = asset_of(&cloud);
     let white = sky(DVec3::Z, [1.0; 3]);
     let red = white.tinted([1.0, 0.0, 0.0]);
@@ -347,19 +367,19 @@ fn matte_and_mirrored_light_are_the_parts_of_the_colour() {
         DirectionalTransfer::new(&asset_of(&cloud), &source, &settings).expect("with beams");
     let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
     let light = transfer.light(&target).expect("with beams");
-    let [whole, matte, mirrored] = [Part::Whole, Part::Diffuse, Part::Specular]
+    let [whole, diffuse, mirrored] = [Part::Whole, Part::Diffuse, Part::Specular]
         .map(|part| transfer.relight(light.clone(), part, &[]).sh);
     let size = |f: &[[f32; 3]]| f.iter().flatten().fold(0f32, |a, b| a.max(b.abs()));
-    assert!(size(&matte) > 0.1 && size(&mirrored) > 0.1);
-    for ((w, a), b) in whole.iter().zip(&matte).zip(&mirrored) {
+    assert!(size(&diffuse) > 0.1 && size(&mirrored) > 0.1);
+    for ((w, a), b) in whole.iter().zip(&diffuse).zip(&mirrored) {
         for c in 0..3 {
             assert!((w[c] - a[c] - b[c]).abs() < 1e-5 * size(&whole));
         }
     }
     // A surface without gloss mirrors nothing.
     let k = coefficient_count(cloud.sh_degree);
-    for (gloss, f) in transfer.gloss.iter().zip(mirrored.chunks_exact(k)) {
-        assert!(!gloss.is_matte() || size(f) < 1e-6);
+    for (specular_lobe, f) in transfer.specular_lobe.iter().zip(mirrored.chunks_exact(k)) {
+        assert!(!specular_lobe.is_diffuse() || size(f) < 1e-6);
     }
 }
 
@@ -398,10 +418,10 @@ fn production_follows_the_oracle() {
     assert!(bake.two_sided.iter().filter(|t| **t > 0.5).count() > 10);
     let source = sky(sun, [1.0, 0.9, 0.8]);
     let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
-    let asset = DirectionalAsset::new(&cloud, bake.clone(), &Skips::default());
+    let asset = DirectionalCache::new(&cloud, bake.clone(), &Optimizations::default());
     let transfer = prepared(&Arc::new(asset), &source);
-    let glossy = transfer.glossy_surfels;
-    assert!(glossy > 100, "{glossy} of {}", cloud.len());
+    let specular = transfer.specular_surfels;
+    assert!(specular > 100, "{specular} of {}", cloud.len());
     let relit = transfer.relight_by(&target);
     let [source, target] = [&source, &target].map(|l| l.for_directional().expect("with beams").1);
     let oracle = crate::oracle::OracleDirectional::new(&cloud, &bake, source, 0.006);
@@ -439,7 +459,7 @@ fn under_a_light_that_is_half_believed_half_of_the_change_is_made() {
     let target = sky(sun, [0.3, 0.5, 0.9]);
     let whole = prepared(&asset, &even).relight_by(&target);
     let halfway = prepared(&asset, &half);
-    assert_eq!(halfway.glossy_surfels, 0);
+    assert_eq!(halfway.specular_surfels, 0);
     let halfway = halfway.relight_by(&target);
     for (w, h) in whole.tau.iter().zip(&halfway.tau) {
         for c in 0..3 {
@@ -493,10 +513,10 @@ fn with_lamp(color: [f32; 3]) -> (SurfelCloud, Vec<usize>) {
 #[test]
 fn a_lamp_keeps_shining_and_paint_does_not() {
     let (even, red) = (Illumination::even(3), sky(DVec3::Z, [0.9, 0.1, 0.05]));
-    let relit = |color: [f32; 3], glow: bool| {
+    let relit = |color: [f32; 3], emission_share: bool| {
         let (cloud, lamp) = with_lamp(color);
         let mut settings = TransferSettings::default();
-        settings.terms.glow = glow;
+        settings.terms.emission = emission_share;
         let asset = asset_of(&cloud);
         let transfer = DirectionalTransfer::new(&asset, &even, &settings).expect("with beams");
         let relit = transfer.relight_by(&red);
@@ -539,7 +559,7 @@ fn a_lamp_keeps_shining_and_paint_does_not() {
 fn the_limit_of_glow_and_how_far_the_light_is_known_say_what_a_lamp_is() {
     let even = Illumination::even(3);
     // Of the lamp's middle.
-    let glow = |color: [f32; 3], above: f32, trust: f32| {
+    let emission_share = |color: [f32; 3], above: f32, trust: f32| {
         let (cloud, lamp) = with_lamp(color);
         let settings = TransferSettings {
             glow_above: above,
@@ -552,30 +572,39 @@ fn the_limit_of_glow_and_how_far_the_light_is_known_say_what_a_lamp_is() {
         let transfer = DirectionalTransfer::new(&asset_of(&cloud), &source, &settings);
         let transfer = transfer.expect("with beams");
         let middle = |i: &&usize| cloud.positions[**i].dot(Vec3::new(0.6, 0.0, 0.8)) > 0.985;
-        let glows = lamp.iter().filter(middle).map(|i| transfer.glow_of(*i));
-        glows.fold((1f32, 0f32), |(least, most), g| (least.min(g), most.max(g)))
+        let emits = lamp
+            .iter()
+            .filter(middle)
+            .map(|i| transfer.emission_share_of(*i));
+        emits.fold((1f32, 0f32), |(least, most), g| (least.min(g), most.max(g)))
     };
     let (white_lamp, blue_lamp, paint) = ([2.0, 1.6, 1.2], [0.002, 0.5, 0.75], [0.6; 3]);
-    assert!(glow(white_lamp, GLOW_ABOVE, 1.0).0 > 0.95);
-    assert!(glow(white_lamp, 50.0, 1.0).1 == 0.0, "it is not so bright");
-    assert!(glow(paint, GLOW_ABOVE, 1.0).1 == 0.0);
-    assert!(glow(paint, 0.1, 1.0).0 > 0.95, "all that is bright");
+    assert!(emission_share(white_lamp, GLOW_ABOVE, 1.0).0 > 0.95);
+    assert!(
+        emission_share(white_lamp, 50.0, 1.0).1 == 0.0,
+        "it is not so bright"
+    );
+    assert!(emission_share(paint, GLOW_ABOVE, 1.0).1 == 0.0);
+    assert!(
+        emission_share(paint, 0.1, 1.0).0 > 0.95,
+        "all that is bright"
+    );
     // Where the light is not known, it may have been as bright as that.
-    assert!(glow(white_lamp, GLOW_ABOVE, 0.5).1 == 0.0);
-    assert!(glow(blue_lamp, GLOW_ABOVE, 0.5).0 > 0.95);
+    assert!(emission_share(white_lamp, GLOW_ABOVE, 0.5).1 == 0.0);
+    assert!(emission_share(blue_lamp, GLOW_ABOVE, 0.5).0 > 0.95);
     // And what the user makes of the new light is nothing to a lamp.
     let (cloud, lamp) = with_lamp(blue_lamp);
     let half = Illumination { trust: 0.5, ..even };
     let transfer = prepared(&asset_of(&cloud), &half);
     let tau = transfer.relight_by(&half.told([0.1; 3])).tau;
-    let glowing: Vec<usize> = (lamp.into_iter())
-        .filter(|i| transfer.glow_of(*i) > 0.9)
+    let emissive: Vec<usize> = (lamp.into_iter())
+        .filter(|i| transfer.emission_share_of(*i) > 0.9)
         .collect();
-    assert!(!glowing.is_empty());
-    for i in glowing {
+    assert!(!emissive.is_empty());
+    for i in emissive {
         // What of it does not glow goes with the light.
-        let glow = transfer.glow_of(i);
-        let with_light = |at: f32| glow + (1.0 - glow) * at;
+        let emission_share = transfer.emission_share_of(i);
+        let with_light = |at: f32| emission_share + (1.0 - emission_share) * at;
         let expected = with_light(0.1f32.sqrt()) * with_light(0.1).sqrt();
         for t in tau[i] {
             assert!((t - expected).abs() < 0.01, "{t} {expected}");
@@ -598,7 +627,7 @@ fn a_lamp_is_made_of_light() {
     let middle = |i: &&usize| cloud.positions[**i].dot(Vec3::new(0.6, 0.0, 0.8)) > 0.985;
     for i in lamp.iter().filter(middle) {
         let m = &materials.each[*i];
-        assert!(m.base_color[0] < 0.05 && m.glow > 0.95, "{m:?}");
+        assert!(m.base_color[0] < 0.05 && m.emission_share > 0.95, "{m:?}");
         let shown = cloud.encoding.decode(2.0 - cloud.encoding.offset());
         assert!((m.emission[0] / shown - 1.0).abs() < 0.06, "{m:?} {shown}");
     }
@@ -607,14 +636,14 @@ fn a_lamp_is_made_of_light() {
 /// What is shown while a light is turned.
 #[test]
 fn a_coarse_ratio_is_near_the_one_that_follows() {
-    let asset = asset_of(&glossy());
+    let asset = asset_of(&specular());
     let sun = DVec3::new(0.4, 0.2, 0.9);
     let transfer = prepared(&asset, &sky(sun, [1.0, 0.9, 0.8]));
     let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
     let coarse = transfer.coarse_ratio(&target).expect("with beams");
     let exact = transfer.ratio(transfer.light(&target).expect("with beams"));
     let (mut off, mut sum, mut left) = (0f32, 0f32, 0f32);
-    for ((coarse, exact), share) in coarse.iter().zip(&exact).zip(&asset.bake.prominence) {
+    for ((coarse, exact), share) in coarse.iter().zip(&exact).zip(&asset.bake.visible_weight) {
         for c in 0..3 {
             off += share * (coarse[c] - exact[c]).abs();
             left += share * (1.0 - exact[c]).abs();

@@ -4,7 +4,7 @@ use crate::environment::{EnvironmentMap, project_environment};
 use crate::oracle::{OracleHarmonic, relight_surfel};
 use crate::progress::no_progress;
 use crate::settings::Method;
-use crate::settings::skips::{Skip, Skips};
+use crate::settings::optimizations::{Optimization, Optimizations};
 use crate::sh::rotate_functions;
 use crate::synthetic;
 use glam::{DMat3, DVec3};
@@ -33,7 +33,7 @@ fn settings(sh_degree: usize) -> TransferSettings {
     TransferSettings {
         sh_degree,
         // Bands are looked at one by one.
-        skips: Skips::default().without(Skip::EmptyBands),
+        optimizations: Optimizations::default().without(Optimization::EmptyBands),
         ..TransferSettings::of(Method::Harmonic)
     }
 }

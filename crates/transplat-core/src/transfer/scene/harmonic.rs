@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::probe::{Beyond, Cube, RadianceToward};
 use crate::rasterize::{ColorSpace, rasterize, shade};
 use crate::settings::TransferSettings;
-use crate::settings::skips::Skipped;
+use crate::settings::optimizations::SkippedWork;
 use crate::sh::{coefficient_count, evaluate_sh};
 use crate::surfels::SurfelCloud;
 use crate::transfer::harmonic::HarmonicTransfer;
@@ -190,12 +190,12 @@ impl Relight for HarmonicScene {
         Materials::together(self.objects.iter().map(|o| o.materials(whitest)))
     }
 
-    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
-        self.objects[0].left_out(cloud)
+    fn skipped_work(&self, cloud: &SurfelCloud) -> Vec<SkippedWork> {
+        self.objects[0].skipped_work(cloud)
     }
 
-    fn left_out_for(&self, light: &Illumination, on_gpu: bool) -> Option<Skipped> {
-        self.objects[0].left_out_for(light, on_gpu)
+    fn skipped_work_for(&self, light: &Illumination, on_gpu: bool) -> Option<SkippedWork> {
+        self.objects[0].skipped_work_for(light, on_gpu)
     }
 
     /// The scene's.

@@ -6,13 +6,13 @@ use super::*;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::scene::SceneBake;
 use crate::bake::surroundings::Placed;
-use crate::environment::{Beam, Emitter, Illumination, Shape};
+use crate::environment::{Emitter, Illumination, LightSample, Shape};
 use crate::progress::no_progress;
 use crate::settings::TransferSettings;
-use crate::settings::skips::Skips;
+use crate::settings::optimizations::Optimizations;
 use crate::surfels::SurfelCloud;
 use crate::synthetic;
-use crate::transfer::directional::DirectionalAsset;
+use crate::transfer::directional::DirectionalCache;
 
 /// Objects where they stand, each captured under even light of radiance 1.
 fn scene_of(objects: &[(SurfelCloud, Affine3A)]) -> SceneTransfer {
@@ -21,7 +21,11 @@ fn scene_of(objects: &[(SurfelCloud, Affine3A)]) -> SceneTransfer {
     let transfers: Vec<Arc<DirectionalTransfer>> = (objects.iter())
         .map(|(cloud, _)| {
             let bake = Arc::new(DirectionalBake::all_rays(cloud));
-            let asset = Arc::new(DirectionalAsset::new(cloud, bake, &Skips::default()));
+            let asset = Arc::new(DirectionalCache::new(
+                cloud,
+                bake,
+                &Optimizations::default(),
+            ));
             let transfer = DirectionalTransfer::new(&asset, &light, &settings);
             Arc::new(transfer.expect("with beams"))
         })
@@ -204,14 +208,14 @@ fn parts_of(
     parts: [Vec<usize>; 2],
 ) -> (Arc<DirectionalTransfer>, [Cutting; 2]) {
     let bake = Arc::new(DirectionalBake::all_rays(cloud));
-    let asset = DirectionalAsset::new(cloud, bake, &Skips::default());
+    let asset = DirectionalCache::new(cloud, bake, &Optimizations::default());
     let settings = TransferSettings::default();
     let transfer = DirectionalTransfer::new(&Arc::new(asset), &from_a_side(), &settings);
     let whole = Arc::new(transfer.expect("with beams"));
     let parts = parts.map(|surfels| {
         let part = cloud.selected(&surfels);
         let tracer = whole.asset.bake.tracer_of_part(&part, &surfels);
-        let all = (&[1][..], &Skips::NONE);
+        let all = (&[1][..], &Optimizations::NONE);
         let bake = DirectionalBake::bake_through(&part, &tracer, all, &no_progress, |_, _| ());
         let bake = bake.expect("not cancelled");
         let bake = Arc::new(bake.as_part_of(&whole.asset.bake, &surfels));
@@ -224,7 +228,7 @@ fn parts_of(
 /// Even light, and a sun.
 fn from_a_side() -> Illumination {
     let mut light = Illumination::even(3);
-    light.add(Beam {
+    light.add(LightSample {
         direction: Vec3::new(1.0, 0.4, 1.5).normalize(),
         energy: [2.0, 1.5, 1.0],
     });

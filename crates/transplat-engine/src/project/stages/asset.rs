@@ -7,11 +7,11 @@ use transplat_core::ground::ground_plane;
 use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
 
-use crate::asset::{OpenedWith, reading_of};
 use crate::estimate;
 use crate::jobs::{Kind, Work};
 use crate::language::tr;
 use crate::project::Project;
+use crate::splat::{OpenedWith, reading_of};
 
 impl Project {
     /// Follows the settings that change how the splat is read.
@@ -44,15 +44,15 @@ impl Project {
         let is_only_outside = (wanted.0, &wanted.2) == (now.0, &now.2);
         asset.reading_asked = Some(wanted);
         if is_only_outside && asset.part.is_none() {
-            self.tell_outside(at);
+            self.set_outside(at);
         } else {
             let path = asset.path.clone();
-            self.load_asset(at, path, OpenedWith::Again);
+            self.load_splat(at, path, OpenedWith::Again);
         }
     }
 
     /// Takes other places that see the outside: the splat stays, what was made of its fronts goes.
-    fn tell_outside(&mut self, at: usize) {
+    fn set_outside(&mut self, at: usize) {
         let outside_from = self.scene.objects[at].outside_from.clone();
         let state = &self.states[at];
         let Some(asset) = &state.asset else {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use transplat_core::files::{load_lut, load_plate};
+use transplat_core::files::{load_backplate, load_lut};
 use transplat_core::present::{Background, View};
 use transplat_gpu::present::{Backdrop, ResidentLut};
 
@@ -66,8 +66,8 @@ impl Project {
     }
 
     /// Reads the photograph behind the objects, which is shown in the place of the target's map.
-    pub(crate) fn start_plate(&mut self, canvas: &Canvas) {
-        let is_seen = self.scene.view.background(self.scene.background) == Background::Plate;
+    pub(crate) fn start_backplate(&mut self, canvas: &Canvas) {
+        let is_seen = self.scene.view.background(self.scene.background) == Background::Backplate;
         let kind = Kind::Backdrop(TARGET);
         let Some(path) = self.scene.plate.clone().filter(|_| is_seen) else {
             return;
@@ -77,8 +77,8 @@ impl Project {
         }
         let (context, file) = (canvas.context.clone(), path.clone());
         let work = move |_: &_| {
-            let plate = load_plate(&file)?;
-            let backdrop = Backdrop::of_plate(&context, &plate);
+            let plate = load_backplate(&file)?;
+            let backdrop = Backdrop::of_backplate(&context, &plate);
             Ok(([plate.width, plate.height], backdrop, plate.warnings))
         };
         let label = tr_format!("reading {}", path.display());

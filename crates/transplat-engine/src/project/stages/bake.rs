@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use transplat_core::bake::patches;
+use transplat_core::bake::strata;
 use transplat_core::files::inspect_bake;
 use transplat_core::settings::Method;
 
-use crate::bake::{self, Baked, Wanted};
+use crate::bake::{self, BakeRequest, Baked};
 use crate::capture::kept_beside;
 use crate::jobs::{Handle, Kind, Work};
 use crate::language::{tr, tr_format};
@@ -32,7 +32,7 @@ impl Project {
                 self.scene.directions.min(ORIENTATION_DIRECTIONS)
             }
             Method::Harmonic => self.scene.directions,
-            Method::Directional => patches::DIRECTIONS,
+            Method::Directional => strata::DIRECTIONS,
         }
     }
 
@@ -115,11 +115,11 @@ impl Project {
             part.filter(|_| method == Method::Directional),
             asset.path.clone(),
         );
-        let mut wanted = Wanted {
+        let mut wanted = BakeRequest {
             cloud: asset.cloud.clone(),
             method,
             directions: key,
-            skips: self.scene.transfer.skips,
+            optimizations: self.scene.transfer.optimizations,
             part_of: None,
             beside: kept_beside(&path, asset.part.as_ref(), method).filter(|_| is_seen),
         };
@@ -137,7 +137,7 @@ impl Project {
             let (device, progress) = (device.fastest(), |done: f64| handle.progress(done));
             let saved = saved.as_deref();
             if let Some(part) = &part {
-                let of_whole = part.of_whole(&device, wanted.skips, &progress);
+                let of_whole = part.of_whole(&device, wanted.optimizations, &progress);
                 wanted.part_of = Some(of_whole.context(tr("the bake failed"))?);
             }
             if !is_seen {

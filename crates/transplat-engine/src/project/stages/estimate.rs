@@ -56,7 +56,7 @@ impl Project {
         }
         self.show_estimate(at);
         if self.states[at].estimate.is_asked(&()) {
-            self.tell_if_broken_off(at);
+            self.report_if_broken_off(at);
             return;
         }
         let state = &mut self.states[at];
@@ -68,7 +68,7 @@ impl Project {
             None => own,
         };
         let (Some(asset), Some(bake)) = (&state.asset, bake) else {
-            self.tell_if_broken_off(at);
+            self.report_if_broken_off(at);
             return;
         };
         state.estimate.ask(&());
@@ -91,7 +91,7 @@ impl Project {
     }
 
     /// Tells once that what was on its way to an estimate was cancelled, or failed.
-    fn tell_if_broken_off(&mut self, at: usize) {
+    fn report_if_broken_off(&mut self, at: usize) {
         let is_on_its_way = self.is_estimating(at);
         let state = &mut self.states[at];
         let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);

@@ -10,7 +10,7 @@ use transplat_core::environment::Illumination;
 use transplat_core::settings::Method;
 use transplat_core::transfer::scene::harmonic::HarmonicScene;
 
-use crate::bake::{self, Wanted};
+use crate::bake::{self, BakeRequest};
 use crate::jobs::{Handle, Kind};
 use crate::language::tr;
 use crate::object::{InsertedKey, InsertionKey};
@@ -83,7 +83,7 @@ impl Project {
             shadows,
             ..
         } = key;
-        let skips = self.scene.transfer.skips;
+        let optimizations = self.scene.transfer.optimizations;
         let device = self.device.clone();
         let work = move |handle: &Handle<Change>| {
             let mut standing = Vec::new();
@@ -106,11 +106,11 @@ impl Project {
                 } else if let Some((_, last)) = turned {
                     last.bake.clone()
                 } else {
-                    let wanted = Wanted {
+                    let wanted = BakeRequest {
                         cloud: cloud.clone(),
                         method: Method::Harmonic,
                         directions,
-                        skips,
+                        optimizations,
                         part_of: None,
                         beside: None,
                     };
@@ -154,7 +154,7 @@ impl Project {
 
     /// Prepares their transfers; the last ones serve until then.
     pub(crate) fn start_inserted(&mut self) {
-        let kind = Kind::PrepareTogether;
+        let kind = Kind::PrepareScene;
         if self.scene.transfer.method != Method::Harmonic || self.jobs.is_running(kind) {
             return;
         }

@@ -86,7 +86,7 @@ impl Project {
                 live.warm_up(&target.light);
             }
             let made = Prepared {
-                left_out: prepared.left_out(&cloud),
+                skipped_work: prepared.skipped_work(&cloud),
                 prepared,
                 on_gpu: live.is_some(),
                 ms: start.elapsed().as_secs_f64() * 1e3,

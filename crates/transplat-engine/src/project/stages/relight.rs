@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use transplat_core::present;
-use transplat_core::settings::skips::Skip;
+use transplat_core::settings::optimizations::Optimization;
 use transplat_core::transfer::{Part, PreparedTransfer, RelitRows};
 use transplat_gpu::live::{Drawing, LiveSh};
 
@@ -41,7 +41,7 @@ impl Project {
             return;
         }
         // Now that it runs, it leaves out what is not seen now.
-        if self.scene.transfer.skips.has(Skip::Unseen) {
+        if self.scene.transfer.optimizations.has(Optimization::Unseen) {
             state.leave_out_hidden();
             key.unseen = state.unseen.version;
         }

@@ -4,14 +4,14 @@ use std::fmt::Write;
 
 use transplat_core::color::Encoding;
 use transplat_core::sh::coefficient_count;
-use transplat_core::transfer::directional::{Nodes, WIDTHS};
+use transplat_core::transfer::directional::{QuadratureNodes, WIDTHS};
 
 use super::sh::{MAX_STRAIGHT_COEFFICIENTS, mirror};
 use crate::shader::files::TRANSFER_DIRECTIONAL;
 use crate::shader::source::{Source, line, literal};
 
 /// The nodes' matrices one after the other, and where each begins: `evaluate` and `project` of both sides, the heights, the fit.
-pub fn tables(nodes: &Nodes) -> (Vec<f32>, [(&'static str, usize); 4]) {
+pub fn tables(nodes: &QuadratureNodes) -> (Vec<f32>, [(&'static str, usize); 4]) {
     let mut all = Vec::new();
     let parts: [(&'static str, Vec<f32>); 4] = [
         (
@@ -31,7 +31,7 @@ pub fn tables(nodes: &Nodes) -> (Vec<f32>, [(&'static str, usize); 4]) {
 }
 
 /// Source of `transfer_directional.wgsl`.
-pub fn transfer_directional(nodes: &Nodes, encoding: Encoding) -> String {
+pub fn transfer_directional(nodes: &QuadratureNodes, encoding: Encoding) -> String {
     let (k, q) = (coefficient_count(nodes.degree), nodes.count());
     let begin = |source: Source, (name, offset)| source.count(&format!("TABLE_{name}"), offset);
     let offsets = tables(nodes).1.into_iter();
@@ -74,7 +74,7 @@ const LANES: usize = 4;
 const CHANNELS: [&str; 3] = ["x", "y", "z"];
 
 /// Mirrored light at the nodes, four in a vector, in private variables: `clear_lobes`, and `add_ray`. Twin of `lobe::mirrored`.
-fn lobes(nodes: &Nodes) -> String {
+fn lobes(nodes: &QuadratureNodes) -> String {
     let groups = nodes.count().div_ceil(LANES);
     let mut out = String::new();
     for g in 0..groups {
@@ -121,7 +121,7 @@ fn lobes(nodes: &Nodes) -> String {
 }
 
 /// Stored colour at the nodes and its fit into `s`; returns the sum over the nodes.
-fn fit_nodes(nodes: &Nodes, k: usize, q: usize) -> String {
+fn fit_nodes(nodes: &QuadratureNodes, k: usize, q: usize) -> String {
     // Of more coefficients the fit is a loop over the tables, since its compiler would take minutes written out.
     let straight = k <= MAX_STRAIGHT_COEFFICIENTS;
     let mut out = String::new();
@@ -130,7 +130,7 @@ fn fit_nodes(nodes: &Nodes, k: usize, q: usize) -> String {
     }
     line!(
         out,
-        "fn fit_nodes(i: u32, tau: vec3f, reflectance: vec3f, rises: bool) -> vec3f {{"
+        "fn fit_nodes(i: u32, tau: vec3f, reflectance: vec3f, has_fresnel: bool) -> vec3f {{"
     );
     line!(
         out,
@@ -142,11 +142,11 @@ fn fit_nodes(nodes: &Nodes, k: usize, q: usize) -> String {
     }
     for node in 0..q {
         let (group, lane) = (node / LANES, node % LANES);
-        let at = |c: usize| format!("matte[first + {}u]", 3 * node + c);
+        let at = |c: usize| format!("diffuse[first + {}u]", 3 * node + c);
         let lobe = CHANNELS.map(|c| format!("lobe_{c}_{group}[{lane}]"));
         line!(
             out,
-            "    let rise_{node} = select(1.0, {}, rises);",
+            "    let rise_{node} = select(1.0, {}, has_fresnel);",
             literal(f64::from(nodes.rise[node]))
         );
         line!(

@@ -12,7 +12,7 @@ use transplat_core::present::Background;
 use crate::cli::RenderArgs;
 use crate::commands::headless::{Headless, up_warning_of};
 use crate::summary::Summary;
-use transplat_engine::picture::{MAX_SAMPLES, photographs_named};
+use transplat_engine::render::{MAX_SAMPLES, photographs_named};
 
 /// A picture to be taken.
 pub struct Frame {
@@ -63,7 +63,7 @@ fn cameras(args: &RenderArgs, headless: &Headless, summary: &mut Summary) -> Res
     let bounds = cloud.bounds();
     let near = NEAR * bounds.radius;
     let plate = scene.plate.as_ref();
-    let plate = plate.filter(|_| scene.background == Background::Plate);
+    let plate = plate.filter(|_| scene.background == Background::Backplate);
     let one_for_all = plate.filter(|p| !p.is_dir());
     // A photograph is covered pixel for pixel.
     let size_of_all = one_for_all.map(|path| image_size(path)).transpose()?;

@@ -20,11 +20,11 @@ use crate::cli::{LightArgs, ReportArgs};
 use crate::commands::headless::Headless;
 use crate::commands::probe::{Around, Lights, seen};
 use crate::summary::Summary;
-use transplat_engine::asset::Asset;
 use transplat_engine::device::{Device, Paint};
 use transplat_engine::output::make_folder;
+use transplat_engine::splat::Splat;
 use transplat_eval::ground_truth::insertion::{TruthScene, TruthView};
-use transplat_eval::metrics::Picture;
+use transplat_eval::metrics::Image;
 use transplat_eval::report::page::write;
 
 /// Name of the table that [`run`] writes.
@@ -182,7 +182,7 @@ impl<'a> Subject<'a> {
 
     /// Relit scene and object of a way, each in its own coordinates; none where it does not apply.
     fn relit(&self, way: Way, summary: &mut Summary) -> Result<Option<Vec<Relit>>> {
-        let shown: Vec<(&Object, &Asset)> = self.headless.shown().collect();
+        let shown: Vec<(&Object, &Splat)> = self.headless.shown().collect();
         let [(_, scene), (inserted, object)] = shown[..] else {
             return Ok(None);
         };
@@ -231,7 +231,7 @@ impl<'a> Subject<'a> {
                 &straight,
                 PngBits::Eight,
             )?;
-            scores.push(compare(&Picture::of_display(&raster), view)?);
+            scores.push(compare(&Image::of_display(&raster), view)?);
         }
         Ok(Score::mean_of(&scores))
     }
@@ -316,7 +316,7 @@ fn captured(cloud: &Arc<SurfelCloud>) -> Relit {
 
 /// The light that the scene shows at the object's place, which is left out.
 fn probe(headless: &Headless, summary: &mut Summary) -> Result<EnvironmentMap> {
-    let shown: Vec<(&Object, &Asset)> = headless.shown().collect();
+    let shown: Vec<(&Object, &Splat)> = headless.shown().collect();
     let [(scene, _), (object, asset)] = shown[..] else {
         anyhow::bail!("a scene and an object are expected");
     };
@@ -351,7 +351,7 @@ fn irradiance(map: &EnvironmentMap, n: Vec3) -> [f64; 3] {
 }
 
 /// A picture against the truth of its view, in the order of [`Score`].
-fn compare(ours: &Picture, view: &TruthView) -> Result<[f64; 6]> {
+fn compare(ours: &Image, view: &TruthView) -> Result<[f64; 6]> {
     let [object, ground, walls] = &view.masks;
     let count = |mask: &[bool]| mask.iter().filter(|m| **m).count();
     let over = |mask: &[bool], least: usize| -> Result<f64> {

@@ -14,18 +14,18 @@ use transplat_core::rasterize::Raster;
 use transplat_core::scene::{MOST_FRAMES, Scene};
 use transplat_core::transfer::Part;
 
-use super::task::{ExportSettings, ExportSides, Made, Task, Turn};
+use super::task::{ExportResult, ExportSettings, ExportSides, Task, Turn};
 use crate::viewer::navigation::wrap;
 use crate::viewer::session::{Outcome, Session};
-use transplat_engine::asset::Asset;
 use transplat_engine::delight::Delit;
 use transplat_engine::environments::Environment;
 use transplat_engine::jobs::{Handle, Kind};
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::output::{ImageFormat, Sink, free_name, make_folder};
-use transplat_engine::picture::{Lit, MAX_SAMPLES, Studio};
 use transplat_engine::project::Project;
+use transplat_engine::render::{Lit, MAX_SAMPLES, Studio};
 use transplat_engine::shot::{LayerFiles, Shots};
+use transplat_engine::splat::Splat;
 
 /// An export that was asked for: a copy of the project as it was then, and how it is saved.
 pub struct Export {
@@ -34,7 +34,7 @@ pub struct Export {
     compared: Option<Project>,
     /// The object that it is named after.
     name: String,
-    shelf: Vec<Arc<Environment>>,
+    light_library: Vec<Arc<Environment>>,
     settings: ExportSettings,
 }
 
@@ -45,7 +45,7 @@ impl Export {
     /// There is nothing to save yet.
     pub fn of(
         session: &mut Session,
-        shelf: &[PathBuf],
+        light_library: &[PathBuf],
         settings: ExportSettings,
         task: &Task,
     ) -> Result<Self> {
@@ -79,16 +79,16 @@ impl Export {
         let compared = project.copy_of_compared();
         let compared = compared.filter(|_| !is_delit && view.has_two_sides());
         let is_clear = match settings.format {
-            ImageFormat::ExrLayers => copy.scene.background != Background::Plate,
+            ImageFormat::ExrLayers => copy.scene.background != Background::Backplate,
             _ => settings.transparent,
         };
         if is_clear {
             copy.scene.background = Background::Transparent;
         }
-        let known = shelf
+        let known = light_library
             .iter()
             .filter_map(|p| project.environments.get(p).cloned());
-        let shelf = known.collect();
+        let light_library = known.collect();
         if is_composed && compared.is_some() {
             // It is of single objects.
             copy.pinned = None;
@@ -107,7 +107,7 @@ impl Export {
             project: copy,
             compared: compared.filter(|_| !is_composed),
             name,
-            shelf,
+            light_library,
             settings,
         })
     }
@@ -115,7 +115,7 @@ impl Export {
     /// For the list of jobs.
     pub fn label(&self, task: &Task) -> String {
         let (name, light) = (&self.name, self.project.environment.light.name());
-        let lights = self.shelf.len();
+        let lights = self.light_library.len();
         let file = |path: &Path| {
             let name = path.file_name().unwrap_or(path.as_os_str());
             name.to_string_lossy().into_owned()
@@ -142,7 +142,7 @@ impl Export {
                 )
             }
             Task::Turntable => {
-                let as_what = self.settings.film.map_or(tr("pictures"), |_| tr("film"));
+                let as_what = self.settings.video.map_or(tr("pictures"), |_| tr("film"));
                 let frames = self.settings.frames;
                 tr_format!(
                     "turntable of {name}, {frames} frames, {as_what}",
@@ -161,7 +161,7 @@ impl Export {
 /// An export that runs.
 pub(super) struct ExportRun<'a> {
     pub shots: Shots,
-    pub shelf: Vec<Arc<Environment>>,
+    pub light_library: Vec<Arc<Environment>>,
     pub settings: ExportSettings,
     name: String,
     handle: &'a Handle<Outcome>,
@@ -180,7 +180,7 @@ impl<'a> ExportRun<'a> {
         }
         Ok(Self {
             shots,
-            shelf: export.shelf,
+            light_library: export.light_library,
             settings: export.settings,
             name: export.name,
             handle,
@@ -190,7 +190,7 @@ impl<'a> ExportRun<'a> {
 
 impl ExportRun<'_> {
     /// Makes what a task asks for, but for a contact sheet.
-    pub fn make(&mut self, task: &Task) -> Result<Made> {
+    pub fn make(&mut self, task: &Task) -> Result<ExportResult> {
         let view = self.shots.project.scene.view;
         let target = self.shots.project.environment.light.clone();
         match task {
@@ -198,7 +198,7 @@ impl ExportRun<'_> {
             Task::Delit(path) => self.write_delit(path),
             Task::Screenshot(Some(path)) => {
                 self.save(path, view, &self.step(0, 1))?;
-                Ok(Made::Files(vec![path.clone()]))
+                Ok(ExportResult::Files(vec![path.clone()]))
             }
             Task::Screenshot(None) => {
                 let views = match self.settings.sides {
@@ -220,13 +220,13 @@ impl ExportRun<'_> {
                     .collect();
                 let size = [raster.width, raster.height];
                 Ok(match task {
-                    Task::Preview => Made::Preview(size, bytes),
-                    _ => Made::Picture(size, bytes),
+                    Task::Preview => ExportResult::Preview(size, bytes),
+                    _ => ExportResult::Picture(size, bytes),
                 })
             }
             Task::EachLight => {
-                self.need_shelf()?;
-                let lights = self.shelf.clone();
+                self.need_lights()?;
+                let lights = self.light_library.clone();
                 self.each(lights.into_iter().map(|light| (view, light)))
             }
             Task::Turntable => {
@@ -280,7 +280,7 @@ impl ExportRun<'_> {
     fn each(
         &mut self,
         pictures: impl ExactSizeIterator<Item = (View, Arc<Environment>)>,
-    ) -> Result<Made> {
+    ) -> Result<ExportResult> {
         let count = pictures.len();
         let scene = self.shots.project.scene.clone();
         let mut written = Vec::new();
@@ -293,11 +293,11 @@ impl ExportRun<'_> {
             self.save(&path, view, &progress)?;
             written.push(path);
         }
-        Ok(Made::Files(written))
+        Ok(ExportResult::Files(written))
     }
 
-    pub(super) fn need_shelf(&self) -> Result<()> {
-        if self.shelf.is_empty() {
+    pub(super) fn need_lights(&self) -> Result<()> {
+        if self.light_library.is_empty() {
             bail!(tr(
                 "the shelf holds no light yet; drop environments on the window first"
             ));
@@ -414,7 +414,7 @@ impl ExportRun<'_> {
         what: &str,
         (frames, light_stays): (usize, bool),
         set: impl Fn(usize, &mut Scene, &mut CameraPose),
-    ) -> Result<Made> {
+    ) -> Result<ExportResult> {
         let Project {
             scene,
             pose,
@@ -430,7 +430,7 @@ impl ExportRun<'_> {
         };
         let stem = self.stem(&light, view, None) + what;
         let named = |extension| free_name(Path::new(&self.settings.folder), &stem, extension);
-        let video = self.settings.film.map(|format| named(format.extension()));
+        let video = self.settings.video.map(|format| named(format.extension()));
         // A sequence has a folder of its own: in one with others it would be numbered around them.
         let folder = named("");
         let mut sink = Sink::new(self.settings.format, self.settings.frame_rate);
@@ -458,7 +458,7 @@ impl ExportRun<'_> {
             make_folder(folder_of(&path))?;
             sink.add(&path, &taken)?;
         }
-        Ok(Made::Files(sink.finish()?))
+        Ok(ExportResult::Files(sink.finish()?))
     }
 
     /// Refuses to write over what is open.
@@ -475,13 +475,13 @@ impl ExportRun<'_> {
     }
 
     /// The first object that is shown.
-    fn asset(&self) -> Result<Asset> {
+    fn asset(&self) -> Result<Splat> {
         let first = self.shots.project.shown().next();
         let (_, _, asset) = first.context(tr("no object is shown"))?;
         Ok(asset.clone())
     }
 
-    fn write_delit(&mut self, path: &Path) -> Result<Made> {
+    fn write_delit(&mut self, path: &Path) -> Result<ExportResult> {
         self.spare_captures(path)?;
         let (asset, settings) = (self.asset()?, self.settings.clone());
         if settings.materials {
@@ -491,10 +491,13 @@ impl ExportRun<'_> {
         let delit = Delit::of(self.shots.prepared()?, &cloud, settings.delit_as, whitest)?;
         tell(&self.step(0, 1), 0.0)?;
         delit.write(&asset.file, settings.materials, path)?;
-        Ok(Made::Delit(path.to_owned(), delit.warnings(whitest)))
+        Ok(ExportResult::Delit(
+            path.to_owned(),
+            delit.warnings(whitest),
+        ))
     }
 
-    fn write_splat(&mut self, path: &Path) -> Result<Made> {
+    fn write_splat(&mut self, path: &Path) -> Result<ExportResult> {
         self.spare_captures(path)?;
         let relit = self.shots.relit(Part::Whole, &[])?;
         tell(&self.step(0, 1), 0.0)?;
@@ -505,7 +508,7 @@ impl ExportRun<'_> {
         } else {
             write_relit(&self.asset()?.file, cloud, &relit.stored(cloud), path)?;
         }
-        Ok(Made::Files(vec![path.to_owned()]))
+        Ok(ExportResult::Files(vec![path.to_owned()]))
     }
 
     /// The progress of one of so many pictures, as all of theirs.

@@ -9,11 +9,11 @@ use transplat_core::rasterize::Raster;
 
 use super::label::Labels;
 use super::run::ExportRun;
-use super::task::Made;
+use super::task::ExportResult;
 use transplat_engine::environments::Environment;
 use transplat_engine::language::tr_format;
 use transplat_engine::output::make_folder;
-use transplat_engine::picture::MAX_SAMPLES;
+use transplat_engine::render::MAX_SAMPLES;
 
 /// Height of a caption, one over that of the picture above it.
 const CAPTION: usize = 14;
@@ -26,9 +26,9 @@ const PAPER: f32 = 0.1;
 const INK: f32 = 0.85;
 
 /// Pictures in rows, as wide as high about, each with its light's map in the corner and the light's name below.
-pub(super) fn contact_sheet(run: &mut ExportRun<'_>) -> Result<Made> {
-    run.need_shelf()?;
-    let count = run.shelf.len();
+pub(super) fn contact_sheet(run: &mut ExportRun<'_>) -> Result<ExportResult> {
+    run.need_lights()?;
+    let count = run.light_library.len();
     let columns = (count as f64).sqrt().ceil() as usize;
     let rows = count.div_ceil(columns);
     let [width, height] = run.settings.size;
@@ -56,7 +56,7 @@ pub(super) fn contact_sheet(run: &mut ExportRun<'_>) -> Result<Made> {
     };
     let mut labels = Labels::new(0.6 * caption as f32);
     let scene = run.shots.project.scene.clone();
-    for (i, light) in run.shelf.clone().iter().enumerate() {
+    for (i, light) in run.light_library.clone().iter().enumerate() {
         let progress = run.step(i, count);
         tell(&progress, 0.0)?;
         run.shots.project.scene.clone_from(&scene);
@@ -87,7 +87,7 @@ pub(super) fn contact_sheet(run: &mut ExportRun<'_>) -> Result<Made> {
     let path = run.named("lights", scene.view);
     make_folder(folder_of(&path))?;
     run.settings.format.write(&path, &sheet)?;
-    Ok(Made::Files(vec![path]))
+    Ok(ExportResult::Files(vec![path]))
 }
 
 fn add_map(picture: &mut Raster, light: &Environment, is_linear: bool) {

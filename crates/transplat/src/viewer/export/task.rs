@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use transplat_core::files::SplatFormat;
 
 use transplat_engine::delight::DelitAs;
-use transplat_engine::film::{FRAME_RATE, FilmFormat};
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::output::ImageFormat;
+use transplat_engine::video::{FRAME_RATE, VideoFormat};
 
 /// Sides that are saved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -43,7 +43,8 @@ pub struct ExportSettings {
     pub frames: usize,
     pub turn: Turn,
     /// A turntable as a film, or as numbered pictures.
-    pub film: Option<FilmFormat>,
+    #[serde(alias = "film")]
+    pub video: Option<VideoFormat>,
     /// Frames of the video a second.
     pub frame_rate: u32,
     /// Format of a relit splat; none for that of the capture.
@@ -70,7 +71,7 @@ impl Default for ExportSettings {
             folder: folder.map_or(".".into(), |f| f.display().to_string()),
             frames: 36,
             turn: Turn::default(),
-            film: None,
+            video: None,
             frame_rate: FRAME_RATE,
             splat: None,
             delit_as: DelitAs::default(),
@@ -119,7 +120,7 @@ impl Task {
                 settings.size = settings.size.map(scaled);
             }
             // A film holds display values too.
-            Self::Turntable | Self::Animation if settings.film.is_some() => {
+            Self::Turntable | Self::Animation if settings.video.is_some() => {
                 settings.format = ImageFormat::Png8;
             }
             Self::Screenshot(Some(path)) => {
@@ -143,7 +144,7 @@ impl Task {
 }
 
 /// Result of an export.
-pub enum Made {
+pub enum ExportResult {
     Files(Vec<PathBuf>),
     /// A splat without its light, and what is to be known of it.
     Delit(PathBuf, Vec<String>),

@@ -4,12 +4,12 @@ use eframe::egui::{self, Ui};
 use glam::{Quat, Vec3};
 use transplat_core::camera::first_pose;
 use transplat_core::color::decode_sh;
-use transplat_core::files::AssetKind;
+use transplat_core::files::SplatKind;
 use transplat_core::scene::MOST_PLACES;
 use transplat_core::settings::Method;
-use transplat_core::surfels::{Hide, UpAxis};
+use transplat_core::surfels::{SurfelFilter, UpAxis};
 
-use crate::viewer::annotations::doubt_name;
+use crate::viewer::annotations::low_confidence_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
 use crate::viewer::session::Session;
@@ -25,8 +25,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     };
     file(ui, &asset.path);
     let kind = match asset.file.report.kind {
-        AssetKind::Surfels2d => tr("2D surfels"),
-        AssetKind::Gaussians3d => tr("3D Gaussians"),
+        SplatKind::Surfels2d => tr("2D surfels"),
+        SplatKind::Gaussians3d => tr("3D Gaussians"),
     };
     let (n, degree) = (asset.cloud.len(), asset.cloud.sh_degree);
     fact(
@@ -150,7 +150,7 @@ fn noise(ui: &mut Ui, session: &Session) {
     }
 }
 
-fn hide(ui: &mut Ui, hide: &mut Hide, proposed: Option<[Vec3; 2]>) {
+fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
     ui.label(tr("Hide (nothing is edited)"));
     Control {
         label: tr("Faint"),
@@ -206,7 +206,7 @@ fn hide(ui: &mut Ui, hide: &mut Hide, proposed: Option<[Vec3; 2]>) {
         }
     }
     if !hide.is_off() && ui.button(tr("Show everything")).clicked() {
-        *hide = Hide::default();
+        *hide = SurfelFilter::default();
     }
 }
 
@@ -300,8 +300,11 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
             .collect();
         fact(ui, tr("SH bands, before > after"), bands.join("  "));
     }
-    if let Some(Some(doubt)) = session.state().doubts.get().and_then(|d| d.of.get(i)) {
-        ui.colored_label(ui.visuals().warn_fg_color, doubt_name(*doubt));
+    if let Some(Some(low_confidence)) = session.state().confidence.get().and_then(|d| d.of.get(i)) {
+        ui.colored_label(
+            ui.visuals().warn_fg_color,
+            low_confidence_name(*low_confidence),
+        );
     }
     if close {
         viewer.viewport.clicked = None;

@@ -11,9 +11,9 @@ use crate::viewer::session::{Dialog, SaveKind};
 use crate::viewer::style::small;
 use crate::viewer::widgets::{button, choice, named, number};
 use transplat_engine::delight::{ALBEDOS, DelitAs};
-use transplat_engine::film::FilmFormat;
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::output::ImageFormat;
+use transplat_engine::video::VideoFormat;
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     picture(ui, viewer);
@@ -49,14 +49,14 @@ fn delit(ui: &mut Ui, viewer: &mut Viewer) {
         ],
     );
     ui.horizontal(|ui| {
-        let mut is_told = settings.whitest.is_some();
-        ui.checkbox(&mut is_told, tr("Whitest albedo")).on_hover_text(tr("What the whitest surface scatters, where that is known. Otherwise it is what light and pictures tell, or 0.65 where that is not plausible."));
+        let mut is_explicit = settings.whitest.is_some();
+        ui.checkbox(&mut is_explicit, tr("Whitest albedo")).on_hover_text(tr("What the whitest surface scatters, where that is known. Otherwise it is what light and pictures tell, or 0.65 where that is not plausible."));
         let mut whitest = settings.whitest.unwrap_or(WHITEST_ALBEDO as f32);
-        ui.add_enabled_ui(is_told, |ui| {
+        ui.add_enabled_ui(is_explicit, |ui| {
             let drag = ui.add(number(&mut whitest, ALBEDOS).speed(0.005));
             named(&drag, egui::Role::SpinButton, tr("Whitest albedo"));
         });
-        settings.whitest = is_told.then_some(whitest);
+        settings.whitest = is_explicit.then_some(whitest);
     });
     ui.checkbox(&mut settings.materials, tr("With materials"))
         .on_hover_text(tr("Each splat comes with its normal, base colour, metallic, roughness, reflectance and emission: in a PLY as properties, in a GLB as attributes."));
@@ -216,15 +216,15 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
         tr(
             "Numbered pictures in the format above; or a film, which the program ffmpeg makes where it is installed. WebM and WebP can be transparent.",
         ),
-        &mut settings.film,
+        &mut settings.video,
         &[
             (tr("numbered pictures"), None),
-            (tr("film, MP4"), Some(FilmFormat::Mp4)),
-            (tr("film, WebM"), Some(FilmFormat::WebM)),
-            (tr("film, WebP"), Some(FilmFormat::WebP)),
+            (tr("film, MP4"), Some(VideoFormat::Mp4)),
+            (tr("film, WebM"), Some(VideoFormat::WebM)),
+            (tr("film, WebP"), Some(VideoFormat::WebP)),
         ],
     );
-    if settings.film.is_some() || viewer.session.project.scene.animation.keys.len() > 1 {
+    if settings.video.is_some() || viewer.session.project.scene.animation.keys.len() > 1 {
         let drag = number(&mut settings.frame_rate, 1..=240).suffix(tr(" frames a second"));
         let response = ui
             .add(drag)

@@ -7,7 +7,7 @@ use transplat_core::scene::{FixedTo, Light, LightKind, LightSource, Lit, SUN_DEG
 use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
 use crate::viewer::light_handles::color_of;
-use crate::viewer::rigging::{RIGS, called, kind_name};
+use crate::viewer::rigs::{RIGS, called, kind_name};
 use crate::viewer::session::{Dialog, SaveKind, Session};
 use crate::viewer::viewport::Placing;
 use crate::viewer::widgets::{Control, angle, choice, entry, name, named, number};

@@ -123,7 +123,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         (tr("gradient"), Background::Gradient([0.32; 3], [0.12; 3])),
         (tr("checker"), Background::Checker),
         (tr("transparent"), Background::Transparent),
-        (tr("photograph"), Background::Plate),
+        (tr("photograph"), Background::Backplate),
     ];
     // Of each kind there is one here, whatever its colours are.
     let kind = std::mem::discriminant(&scene.background);
@@ -155,7 +155,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
             color_field(ui, tr("Top"), top);
             color_field(ui, tr("Bottom"), bottom);
         }
-        Background::Plate => plate(ui, viewer),
+        Background::Backplate => plate(ui, viewer),
         Background::Checker | Background::Transparent => {}
     }
     let scene = &mut viewer.session.project.scene;
@@ -171,7 +171,7 @@ fn plate(ui: &mut Ui, viewer: &mut Viewer) {
         if button(ui, tr("Photograph…"), tip) {
             ask(
                 &mut viewer.session,
-                Dialog::Save(SaveKind::Plate, String::new()),
+                Dialog::Save(SaveKind::Backplate, String::new()),
             );
         }
         ui.weak(name);

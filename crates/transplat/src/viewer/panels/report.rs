@@ -1,9 +1,9 @@
 //! How far the result can be trusted, what ran, how long it took, and what was left out.
 
 use eframe::egui::{self, Align, Button, Ui};
-use transplat_core::present::Doubt;
+use transplat_core::present::LowConfidence;
 
-use crate::viewer::annotations::doubt_name;
+use crate::viewer::annotations::low_confidence_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{fact, thousands};
@@ -13,7 +13,7 @@ use transplat_engine::words::milliseconds;
 use transplat_eval::sweep::{Point, Stage};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
-    doubts(ui, &mut viewer.session);
+    confidence(ui, &mut viewer.session);
     ui.separator();
     let session = &viewer.session;
     let passes = session.canvas.passes();
@@ -59,12 +59,12 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         fact(ui, tr("bake"), file.display().to_string());
     }
     ui.label(tr("Left out"));
-    let left_out = viewer.left_out();
-    if left_out.is_empty() {
+    let skipped_work = viewer.skipped_work();
+    if skipped_work.is_empty() {
         ui.weak(tr("nothing"));
     }
-    for skipped in left_out {
-        fact(ui, &skipped.what, viewer.left_out_in_words(&skipped));
+    for skipped in skipped_work {
+        fact(ui, &skipped.what, viewer.skipped_work_in_words(&skipped));
     }
     ui.separator();
     settings(ui, viewer);
@@ -152,13 +152,17 @@ fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
 }
 
 /// Reasons for low confidence in the result.
-fn doubts(ui: &mut Ui, session: &mut Session) {
+fn confidence(ui: &mut Ui, session: &mut Session) {
     ui.label(tr("How far the result can be trusted"));
-    session.project.requested.doubts = !ui.input(|i| i.pointer.any_down());
-    match session.state().doubts.get().map(|d| d.shares) {
+    session.project.requested.confidence = !ui.input(|i| i.pointer.any_down());
+    match session.state().confidence.get().map(|d| d.shares) {
         Some(shares) => {
-            for (doubt, share) in Doubt::ALL.iter().zip(shares) {
-                fact(ui, doubt_name(*doubt), format!("{:.1} %", 100.0 * share));
+            for (low_confidence, share) in LowConfidence::ALL.iter().zip(shares) {
+                fact(
+                    ui,
+                    low_confidence_name(*low_confidence),
+                    format!("{:.1} %", 100.0 * share),
+                );
             }
         }
         None => {

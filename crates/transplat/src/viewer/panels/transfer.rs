@@ -81,10 +81,10 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
         .on_hover_text(tr(
             "Keeps what none of these explains of the capture. Off, it is left out.",
         ));
-    ui.checkbox(&mut terms.glow, tr("Glow")).on_hover_text(tr(
+    ui.checkbox(&mut terms.emission, tr("Glow")).on_hover_text(tr(
         "Lamps, eyes and screens, which no light explains, keep shining as captured. Off, they are taken for paint.",
     ));
-    ui.add_enabled_ui(terms.glow, |ui| {
+    ui.add_enabled_ui(terms.emission, |ui| {
         Control {
             label: tr("Glows above"),
             tip: tr("How many times brighter than the whitest surface in the same light a thing has to be to shine by itself. Less makes more of it glow, more makes less; the channel Glow shows what does."),

@@ -1,5 +1,5 @@
 use super::*;
-use crate::files::{load_asset, write_splat};
+use crate::files::{load_splat, write_splat};
 use crate::synthetic;
 
 #[test]
@@ -25,7 +25,7 @@ fn older_files_have_whole_colors() {
     // A chunk of 12 numbers instead of 18.
     let older = [kept.as_bytes(), &body[..48], &body[72..]].concat();
     std::fs::write(&path, older).expect("room for it");
-    let (older, file) = load_asset(&path).expect("a good file");
+    let (older, file) = load_splat(&path).expect("a good file");
     let share = |value: f32, of: [f32; 2]| (value - of[0]) / (of[1] - of[0]);
     for i in 0..100 {
         let j = file.surfel_of(i).expect("a row");

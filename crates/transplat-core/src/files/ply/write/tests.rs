@@ -45,13 +45,13 @@ fn only_the_colour_of_a_binary_file_changes() {
         let (from, to) = (folder.path().join("a.ply"), folder.path().join("b.ply"));
         let original = binary(big_endian);
         std::fs::write(&from, &original).expect("room for it");
-        let (cloud, asset) = load_asset(&from).expect("a good file");
+        let (cloud, asset) = load_splat(&from).expect("a good file");
         assert_eq!(*cloud.sh, [[0.3, 0.2, 0.1]; 2]);
         write_relit(&asset, &cloud, &cloud.sh, &to).expect("room for it");
         assert_eq!(std::fs::read(&to).expect("it is there"), original);
         write_relit(&asset, &cloud, &[[5.0, 6.0, 7.0], [8.0, 9.0, 10.0]], &to)
             .expect("room for it");
-        let (other, _) = load_asset(&to).expect("a good file");
+        let (other, _) = load_splat(&to).expect("a good file");
         assert_eq!(*other.sh, [[5.0, 6.0, 7.0], [8.0, 9.0, 10.0]]);
         assert_eq!(other.positions, cloud.positions);
         let changed = std::fs::read(&to).expect("it is there");
@@ -66,8 +66,8 @@ fn ascii_keeps_its_words_and_makes_broken_rows_harmless() {
     let folder = tempfile::tempdir().expect("a folder");
     let (from, to) = (folder.path().join("a.ply"), folder.path().join("b.ply"));
     std::fs::write(&from, ascii()).expect("room for it");
-    let (cloud, asset) = load_asset(&from).expect("mostly good");
-    assert_eq!(asset.report.left_out, [1]);
+    let (cloud, asset) = load_splat(&from).expect("mostly good");
+    assert_eq!(asset.report.skipped_work, [1]);
     write_relit(&asset, &cloud, &vec![[1.0, 2.0, 3.0]; cloud.len()], &to).expect("room for it");
     let text = std::fs::read_to_string(&to).expect("it is there");
     let mut lines = text.lines().skip_while(|l| *l != "end_header").skip(1);
@@ -82,7 +82,7 @@ fn a_changed_source_is_noticed() {
     let folder = tempfile::tempdir().expect("a folder");
     let from = folder.path().join("a.ply");
     std::fs::write(&from, binary(false)).expect("room for it");
-    let (cloud, asset) = load_asset(&from).expect("a good file");
+    let (cloud, asset) = load_splat(&from).expect("a good file");
     std::fs::write(&from, &binary(false)[..300]).expect("room for it");
     let to = folder.path().join("b.ply");
     assert!(write_relit(&asset, &cloud, &cloud.sh, &to).is_err());
@@ -90,7 +90,7 @@ fn a_changed_source_is_noticed() {
 }
 
 /// The surfels that some rows are.
-fn surfels<const N: usize>(asset: &AssetFile, rows: [usize; N]) -> [usize; N] {
+fn surfels<const N: usize>(asset: &SplatFile, rows: [usize; N]) -> [usize; N] {
     rows.map(|row| asset.surfel_of(row).expect("a row"))
 }
 
@@ -99,7 +99,7 @@ fn a_part_has_its_own_rows_and_what_the_file_has_beside_them() {
     let folder = tempfile::tempdir().expect("a folder");
     let (from, to) = (folder.path().join("a.ply"), folder.path().join("b.ply"));
     std::fs::write(&from, ascii()).expect("room for it");
-    let (cloud, asset) = load_asset(&from).expect("mostly good");
+    let (cloud, asset) = load_splat(&from).expect("mostly good");
     let part = asset.part(&surfels(&asset, [1, 3]));
     write_relit(&part, &cloud, &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &to).expect("room for it");
     let text = std::fs::read_to_string(&to).expect("it is there");
@@ -117,10 +117,10 @@ fn a_part_has_its_own_rows_and_what_the_file_has_beside_them() {
     );
     for big_endian in [false, true] {
         std::fs::write(&from, binary(big_endian)).expect("room for it");
-        let (cloud, asset) = load_asset(&from).expect("a good file");
+        let (cloud, asset) = load_splat(&from).expect("a good file");
         let part = asset.part(&surfels(&asset, [1]));
         write_relit(&part, &cloud, &[[4.0, 5.0, 6.0]], &to).expect("room for it");
-        let (back, _) = load_asset(&to).expect("a good file");
+        let (back, _) = load_splat(&to).expect("a good file");
         assert_eq!(back.positions, cloud.positions[1..]);
         assert_eq!(*back.sh, [[4.0, 5.0, 6.0]]);
         let written = std::fs::read(&to).expect("it is there");

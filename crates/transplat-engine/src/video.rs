@@ -17,7 +17,7 @@ pub const FRAME_RATE: u32 = 24;
 
 /// Format of a video.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum FilmFormat {
+pub enum VideoFormat {
     /// H.264, which everything plays.
     Mp4,
     /// VP9, with alpha.
@@ -26,7 +26,7 @@ pub enum FilmFormat {
     WebP,
 }
 
-impl FilmFormat {
+impl VideoFormat {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Mp4, Self::WebM, Self::WebP];
 
@@ -94,19 +94,19 @@ impl FilmFormat {
 }
 
 /// A film in the making; nothing is left of one that is not finished.
-pub struct Film {
+pub struct VideoEncoder {
     path: PathBuf,
     /// File that the encoder writes, under a temporary name until it is complete.
     unfinished: TempPath,
-    format: FilmFormat,
+    format: VideoFormat,
     encoder: Child,
     size: [usize; 2],
 }
 
-impl Film {
+impl VideoEncoder {
     /// Begins one of frames of a size.
     pub fn new(path: &Path, size: [usize; 2], frame_rate: u32) -> Result<Self> {
-        let format = FilmFormat::of(path).with_context(|| {
+        let format = VideoFormat::of(path).with_context(|| {
             let path = path.display();
             format!("{path}: a film is .mp4, .webm or .webp")
         })?;
@@ -157,13 +157,13 @@ impl Film {
         let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
         let bytes: Vec<u8> = match self.format {
             // It has no alpha: what is behind is black.
-            FilmFormat::Mp4 => {
+            VideoFormat::Mp4 => {
                 let pixels = frame.pixels.iter();
                 pixels
                     .flat_map(|[r, g, b, _]| [*r, *g, *b, 1.0].map(byte))
                     .collect()
             }
-            FilmFormat::WebM | FilmFormat::WebP => {
+            VideoFormat::WebM | VideoFormat::WebP => {
                 let pixels = present::straight(frame);
                 pixels.into_iter().flatten().map(byte).collect()
             }
@@ -180,8 +180,8 @@ impl Film {
         if !status.success() {
             return Err(self.complaint());
         }
-        let mut film = File::open(&self.unfinished).context("a temporary file")?;
-        let write = write_atomically(&self.path, |out| std::io::copy(&mut film, out).map(drop));
+        let mut video = File::open(&self.unfinished).context("a temporary file")?;
+        let write = write_atomically(&self.path, |out| std::io::copy(&mut video, out).map(drop));
         Ok(write?)
     }
 
@@ -197,7 +197,7 @@ impl Film {
     }
 }
 
-impl Drop for Film {
+impl Drop for VideoEncoder {
     fn drop(&mut self) {
         // One that was cut off would wait for frames for ever; one that has ended does not mind.
         let _ = self.encoder.kill();

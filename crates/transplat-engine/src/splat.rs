@@ -11,19 +11,19 @@ use transplat_core::camera::CameraPose;
 use transplat_core::color::Encoding;
 use transplat_core::crop::proposed_crop;
 use transplat_core::files::{
-    AssetFile, CameraFile, SplatFormat, cameras_of_training, load_asset, load_cameras,
+    CameraFile, SplatFile, SplatFormat, cameras_of_training, load_cameras, load_splat,
 };
 use transplat_core::ground::ground_plane;
 use transplat_core::scene::{Cut, Object, Scene, splat_name};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
-use transplat_core::upright::{UpEvidence, proposed_up};
+use transplat_core::up_axis::{UpEvidence, proposed_up};
 
 use crate::capture::{Capture, Part, part_of};
 use crate::warnings::asset_warnings;
 
 /// An asset as it is open.
 #[derive(Clone)]
-pub struct Asset {
+pub struct Splat {
     /// File of the splat.
     pub path: PathBuf,
     /// Part that the object is, where it is cut out of a splat.
@@ -33,7 +33,7 @@ pub struct Asset {
     /// Gaussians of the object: all of the splat, or the part that is cut out.
     pub cloud: Arc<SurfelCloud>,
     /// Properties of the file, to be written again.
-    pub file: Arc<AssetFile>,
+    pub file: Arc<SplatFile>,
     /// Bounding sphere of the Gaussians.
     pub bounds: Bounds,
     /// Oddities of the file, in words.
@@ -67,14 +67,14 @@ pub fn reading_of(object: &Object) -> Reading {
     (object.linear, outside_from, object.cut.clone())
 }
 
-impl Asset {
+impl Splat {
     /// Reads a splat as an object's settings say; `open` is the whole, if it was read so already and the object is cut out of it.
     pub fn load(path: PathBuf, object: &Object, open: Option<Arc<Capture>>) -> Result<Self> {
         let start = Instant::now();
         let (capture, warnings) = match open {
             Some(capture) => (capture, Vec::new()),
             None => {
-                let (mut cloud, file) = load_asset(&path)?;
+                let (mut cloud, file) = load_splat(&path)?;
                 let mut object = object.clone();
                 object.take_origin(cloud.origin, DVec3::ZERO);
                 object.apply_to(&mut cloud);

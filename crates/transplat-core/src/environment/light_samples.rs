@@ -14,7 +14,7 @@ use crate::color::luminance;
 
 /// Light from one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Beam {
+pub struct LightSample {
     /// Unit vector towards the source.
     pub direction: Vec3,
     /// Radiance times solid angle, linear RGB: the irradiance on a surface that faces it.
@@ -23,11 +23,11 @@ pub struct Beam {
 
 /// A light as the directional method sees it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Beams {
+pub struct LightSamples {
     /// Compact bright sources, brightest first; at most [`MAX_SUNS`].
-    pub suns: Vec<Beam>,
+    pub suns: Vec<LightSample>,
     /// Everything else, in cells of about 2.8 degrees.
-    pub cells: Vec<Beam>,
+    pub cells: Vec<LightSample>,
 }
 
 /// Compact sources that are taken out of a map, at most.
@@ -55,7 +55,7 @@ const SEARCH_COLUMNS: usize = 1024;
 /// Columns of the grid of cells.
 const CELL_COLUMNS: usize = 128;
 
-impl Beams {
+impl LightSamples {
     /// Radiance 1 from everywhere.
     pub fn even() -> Self {
         Self::of(&EnvironmentMap::new(
@@ -86,7 +86,9 @@ impl Beams {
             let compact = energy >= 0.5 * all && beside < MOST_BESIDE * energy;
             let is_sun = energy >= least && compact;
             if is_sun {
-                suns.push(beam(excess.iter().map(|(i, e)| (pixels.direction(*i), *e))));
+                suns.push(light_sample(
+                    excess.iter().map(|(i, e)| (pixels.direction(*i), *e)),
+                ));
             }
             // A small bright dot is sky, and does not hide a sun that is less bright.
             pixels.settle(&excess, is_sun);
@@ -99,7 +101,7 @@ impl Beams {
 
     /// The light turned by `rotation` (world to world).
     pub fn rotated(&self, rotation: DMat3) -> Self {
-        self.map(|b| Beam {
+        self.map(|b| LightSample {
             direction: (rotation * b.direction.as_dvec3()).as_vec3(),
             ..*b
         })
@@ -107,7 +109,7 @@ impl Beams {
 
     /// The light mirrored left to right in its own map: `f(x, -y, z)`.
     pub fn mirrored(&self) -> Self {
-        self.map(|b| Beam {
+        self.map(|b| LightSample {
             direction: b.direction * Vec3::new(1.0, -1.0, 1.0),
             ..*b
         })
@@ -115,7 +117,7 @@ impl Beams {
 
     /// The light with each channel multiplied.
     pub fn tinted(&self, gain: [f32; 3]) -> Self {
-        self.map(|b| Beam {
+        self.map(|b| LightSample {
             energy: std::array::from_fn(|c| b.energy[c] * gain[c]),
             ..*b
         })
@@ -123,7 +125,7 @@ impl Beams {
 
     /// The light with no energy above `most`, so that no sum overflows.
     pub fn clamped(&self, most: f32) -> Self {
-        self.map(|b| Beam {
+        self.map(|b| LightSample {
             energy: b.energy.map(|e| e.min(most)),
             ..*b
         })
@@ -138,8 +140,8 @@ impl Beams {
     }
 
     /// Adds a compact source; one too many makes the dimmest sky.
-    pub fn add(&mut self, beam: Beam) {
-        self.suns.push(beam);
+    pub fn add(&mut self, light_sample: LightSample) {
+        self.suns.push(light_sample);
         self.suns
             .sort_by(|a, b| luminance(b.energy).total_cmp(&luminance(a.energy)));
         if self.suns.len() > MAX_SUNS {
@@ -147,7 +149,7 @@ impl Beams {
         }
     }
 
-    fn map(&self, f: impl Fn(&Beam) -> Beam) -> Self {
+    fn map(&self, f: impl Fn(&LightSample) -> LightSample) -> Self {
         Self {
             suns: self.suns.iter().map(&f).collect(),
             cells: self.cells.iter().map(&f).collect(),
@@ -155,7 +157,7 @@ impl Beams {
     }
 
     /// The cells gathered into the directions nearest to them; each beam comes from where most of its light is. `[N]`
-    pub fn gathered(&self, lattice: &[Vec3]) -> Vec<Beam> {
+    pub fn gathered(&self, lattice: &[Vec3]) -> Vec<LightSample> {
         let axes: [Vec<f32>; 3] = std::array::from_fn(|c| lattice.iter().map(|d| d[c]).collect());
         let nearest: Vec<usize> = self
             .cells
@@ -168,15 +170,15 @@ impl Beams {
         }
         sums.into_iter()
             .zip(lattice)
-            .map(|(s, d)| s.beam(*d))
+            .map(|(s, d)| s.light_sample(*d))
             .collect()
     }
 
     /// Irradiance on a surface that sees everything, averaged over all normals, per channel.
     pub fn mean_irradiances(&self) -> [f32; 3] {
         let mut sum = [0f64; 3];
-        for beam in self.suns.iter().chain(&self.cells) {
-            for (s, e) in sum.iter_mut().zip(beam.energy) {
+        for light_sample in self.suns.iter().chain(&self.cells) {
+            for (s, e) in sum.iter_mut().zip(light_sample.energy) {
                 *s += f64::from(e);
             }
         }
@@ -205,15 +207,17 @@ const SHOWN_SUN: f32 = 0.999_39;
 
 impl Mosaic {
     /// The mosaic of a light on some directions, which share the sphere evenly.
-    pub fn new(beams: &Beams, lattice: &[Vec3]) -> Self {
-        let over = |beam: &Beam, solid_angle: f64| beam.energy.map(|e| e / solid_angle as f32);
+    pub fn new(light_samples: &LightSamples, lattice: &[Vec3]) -> Self {
+        let over = |light_sample: &LightSample, solid_angle: f64| {
+            light_sample.energy.map(|e| e / solid_angle as f32)
+        };
         let each = 4.0 * PI / lattice.len() as f64;
         let disc = 2.0 * PI * f64::from(1.0 - SHOWN_SUN);
-        let sky = beams.gathered(lattice);
+        let sky = light_samples.gathered(lattice);
         Self {
             axes: std::array::from_fn(|c| lattice.iter().map(|d| d[c]).collect()),
             radiance: sky.iter().map(|b| over(b, each)).collect(),
-            suns: beams
+            suns: light_samples
                 .suns
                 .iter()
                 .map(|b| (b.direction, over(b, disc)))
@@ -280,8 +284,8 @@ impl Sum {
     }
 
     /// The beam; from `dark` where there is no light.
-    fn beam(&self, dark: Vec3) -> Beam {
-        Beam {
+    fn light_sample(&self, dark: Vec3) -> LightSample {
+        LightSample {
             direction: self.toward.normalize_or(dark.as_dvec3()).as_vec3(),
             energy: self.energy.map(|v| v as f32),
         }
@@ -289,10 +293,10 @@ impl Sum {
 }
 
 /// The beam that holds what all of some pixels do.
-fn beam(parts: impl Iterator<Item = (DVec3, [f64; 3])>) -> Beam {
+fn light_sample(parts: impl Iterator<Item = (DVec3, [f64; 3])>) -> LightSample {
     let mut sum = Sum::default();
     parts.for_each(|(d, e)| sum.add(d, e));
-    sum.beam(Vec3::Z)
+    sum.light_sample(Vec3::Z)
 }
 
 /// A map's pixels as energies.
@@ -392,7 +396,7 @@ impl<'a> Pixels<'a> {
     }
 
     /// The rest, a block of pixels a cell.
-    fn cells(&self) -> Vec<Beam> {
+    fn cells(&self) -> Vec<LightSample> {
         let (w, h) = (self.map.width(), self.map.height());
         let columns = CELL_COLUMNS.min(w);
         let rows = (CELL_COLUMNS / 2).min(h);
@@ -408,7 +412,7 @@ impl<'a> Pixels<'a> {
                         (DVec3::from_array(direction), self.energy[row * w + column])
                     })
                 };
-                beam(span(y, h, rows).flat_map(row_of))
+                light_sample(span(y, h, rows).flat_map(row_of))
             })
             .filter(|b| b.energy.iter().any(|e| *e > 0.0))
             .collect()
@@ -435,9 +439,9 @@ mod tests {
     #[test]
     fn a_sun_is_taken_out_and_nothing_is_lost() {
         let map = sunny(1024);
-        let beams = Beams::of(&map);
-        assert_eq!(beams.suns.len(), 1);
-        let sun = &beams.suns[0];
+        let light_samples = LightSamples::of(&map);
+        assert_eq!(light_samples.suns.len(), 1);
+        let sun = &light_samples.suns[0];
         let truth = Vec3::new(0.5, -0.6, 0.7).normalize();
         // The pixels' centroid, a third of a degree wide each.
         assert!(sun.direction.angle_between(truth) < 0.2f32.to_radians());
@@ -445,10 +449,10 @@ mod tests {
         let omega = 2.0 * PI * (1.0 - 1f64.to_radians().cos());
         assert!((f64::from(sun.energy[0]) / (999.8 * omega) - 1.0).abs() < 0.15);
         let total = crate::environment::project_environment(&map, 0).mean_irradiance();
-        assert!((beams.mean_irradiance() / total - 1.0).abs() < 1e-3);
+        assert!((light_samples.mean_irradiance() / total - 1.0).abs() < 1e-3);
         // What is left is the sky: no cell stands out.
-        for beam in beams.gathered(&lattice(64)) {
-            let e = beam.energy;
+        for light_sample in light_samples.gathered(&lattice(64)) {
+            let e = light_sample.energy;
             assert!(
                 (e[0] / (0.2 * 4.0 * PI as f32 / 64.0) - 1.0).abs() < 0.25,
                 "{e:?}"
@@ -458,22 +462,22 @@ mod tests {
 
     #[test]
     fn a_sky_without_sun_has_none() {
-        assert!(Beams::even().suns.is_empty());
-        assert!((Beams::even().mean_irradiance() - PI as f32).abs() < 1e-3);
+        assert!(LightSamples::even().suns.is_empty());
+        assert!((LightSamples::even().mean_irradiance() - PI as f32).abs() < 1e-3);
         let dark = EnvironmentMap::new(64, 32, vec![[0.0; 3]; 64 * 32]);
-        assert!(Beams::of(&dark).suns.is_empty());
-        assert_eq!(Beams::of(&dark).mean_irradiance(), 0.0);
+        assert!(LightSamples::of(&dark).suns.is_empty());
+        assert_eq!(LightSamples::of(&dark).mean_irradiance(), 0.0);
     }
 
     #[test]
     fn a_small_bright_dot_does_not_hide_the_sun() {
         let map = sunny(1024);
-        let plain = Beams::of(&map);
+        let plain = LightSamples::of(&map);
         assert_eq!(plain.suns.len(), 1);
         let mut pixels = map.pixels().to_vec();
         // Brighter than the sun, near the pole, where a pixel is small: less than a hundredth of all light.
         pixels[20 * 1024 + 100] = [4000.0; 3];
-        let dotted = Beams::of(&EnvironmentMap::new(1024, 512, pixels));
+        let dotted = LightSamples::of(&EnvironmentMap::new(1024, 512, pixels));
         assert_eq!(dotted.suns.len(), 1);
         let cosine = dotted.suns[0].direction.dot(plain.suns[0].direction);
         assert!(cosine > 0.9999, "{:?}", dotted.suns);
@@ -491,15 +495,15 @@ mod tests {
                     0.02
                 }; 3]
             });
-            assert_eq!(Beams::of(&map).suns, [], "{half_width}");
+            assert_eq!(LightSamples::of(&map).suns, [], "{half_width}");
         }
     }
 
     #[test]
     fn a_mosaic_holds_the_lights_energy_and_shows_its_sun() {
         let map = sunny(512);
-        let beams = Beams::of(&map);
-        let mosaic = Mosaic::new(&beams, &lattice(384));
+        let light_samples = LightSamples::of(&map);
+        let mosaic = Mosaic::new(&light_samples, &lattice(384));
         let many = fibonacci_sphere(200_000);
         let mean = many
             .iter()
@@ -507,11 +511,11 @@ mod tests {
             .sum::<f64>()
             / many.len() as f64;
         // The mean irradiance over all normals is pi times the mean radiance.
-        let exact = f64::from(beams.mean_irradiances()[1]) / PI;
+        let exact = f64::from(light_samples.mean_irradiances()[1]) / PI;
         // 60 of the samples hit the sun's disc, which holds a fifth of the light: an eighth of that is their scatter.
         assert!((mean - exact).abs() < 0.03 * exact, "{mean} {exact}");
         // On its disc it outshines the sky that is behind it.
-        let sun = beams.suns[0].direction;
+        let sun = light_samples.suns[0].direction;
         assert!(mosaic.radiance(sun)[1] > 10.0 * mosaic.radiance(-sun)[1]);
     }
 
@@ -519,8 +523,8 @@ mod tests {
     fn small_maps_are_taken_apart_too() {
         for (w, h) in [(1, 1), (2, 1), (1, 2), (7, 3)] {
             let map = EnvironmentMap::new(w, h, vec![[1.0, 2.0, 3.0]; w * h]);
-            let beams = Beams::of(&map);
-            assert!((beams.mean_irradiance() - 2.0 * PI as f32).abs() < 1e-3);
+            let light_samples = LightSamples::of(&map);
+            assert!((light_samples.mean_irradiance() - 2.0 * PI as f32).abs() < 1e-3);
         }
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Align2, Color32, Rect, Sense, TextureHandle, Ui};
 use transplat_core::scene::is_even;
 
-use super::kept::Pictures;
+use super::kept::Thumbnails;
 use super::probes::thumbnail;
 use super::session::{SIDES, Session};
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
@@ -35,7 +35,7 @@ enum Page {
 
 /// State of the shelf.
 #[derive(Default)]
-pub struct Shelf {
+pub struct LightLibrary {
     pub paths: Vec<PathBuf>,
     /// Lights that were here and are not to be found now.
     pub absent: Vec<PathBuf>,
@@ -55,7 +55,7 @@ pub struct Shelf {
 #[derive(Clone)]
 struct Dragged(PathBuf);
 
-impl Shelf {
+impl LightLibrary {
     /// Puts a light on the shelf, unless it is there, under whatever path.
     pub fn add(&mut self, session: &mut Session, path: &Path) {
         if !self.paths.iter().any(|p| p == path) {
@@ -85,7 +85,7 @@ impl Shelf {
         self.thumbnails.entry(light.id).or_insert_with(new).clone()
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, kept: &Pictures) {
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, kept: &Thumbnails) {
         ui.horizontal_top(|ui| {
             self.slot(ui, session, SOURCE);
             ui.vertical(|ui| {

@@ -14,7 +14,7 @@ use transplat_engine::jobs::Kind;
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::names::{as_file_name, name_of};
 use transplat_engine::output::free_name;
-use transplat_engine::picture::light_at;
+use transplat_engine::render::light_at;
 use transplat_engine::words::percent;
 
 /// Share of the light that may come from where the capture is clipped before it is worth a word.

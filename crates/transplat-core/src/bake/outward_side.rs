@@ -12,7 +12,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::hierarchy::PACKET;
-use super::transmittance::{LightGrid, Veils};
+use super::transmittance::{LightGrid, TranslucentLayers};
 use crate::error::{Error, Result};
 use crate::nearest::Nearest;
 use crate::progress::Progress;
@@ -86,7 +86,7 @@ const SEEN_AS_WELL: f32 = 0.7;
 /// Outward side of a surfel; eight bytes, as in a bake's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Front {
+pub struct OutwardSide {
     /// Visible shares from the stored normal's side and from the other one, 255 for all, cosine-weighted over a hemisphere.
     seen: [u8; 2],
     /// 1 where the outward side is the one that the stored normal does not point to.
@@ -97,7 +97,7 @@ pub struct Front {
     surface_normal: [i16; 2],
 }
 
-impl Front {
+impl OutwardSide {
     fn new(seen: [f32; 2], log_odds: f32, surface_normal: Vec3) -> Self {
         Self {
             seen: seen.map(|s| (255.0 * s).round() as u8),
@@ -146,15 +146,15 @@ impl Front {
 
 /// The fronts of an asset.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Fronts {
+pub struct OutwardSides {
     /// Outward side of each surfel. `[n]`
-    pub of: Vec<Front>,
+    pub of: Vec<OutwardSide>,
 }
 
-impl Fronts {
+impl OutwardSides {
     /// Where nobody asked: the stored normals, and both sides may be seen.
     pub fn unknown(cloud: &SurfelCloud) -> Self {
-        let of = |i| Front::new([1.0; 2], 0.0, stored_normal(cloud, i));
+        let of = |i| OutwardSide::new([1.0; 2], 0.0, stored_normal(cloud, i));
         Self {
             of: (0..cloud.len()).map(of).collect(),
         }
@@ -172,28 +172,38 @@ impl Fronts {
     /// # Errors
     /// [`Error::Cancelled`] when `progress` asked for it.
     pub fn find(cloud: &SurfelCloud, progress: Progress<'_>) -> Result<Self> {
-        let veils = Veils::new(cloud);
+        let translucent_layers = TranslucentLayers::new(cloud);
         let normals: Vec<Vec3> = (0..cloud.len()).map(|i| stored_normal(cloud, i)).collect();
-        let seen = seen_from_sides(&veils, &normals, progress)?;
+        let seen = seen_from_sides(&translucent_layers, &normals, progress)?;
         let variation = variation_on_sides(cloud, &normals);
         let mut own = log_odds(&seen, &variation);
         for eye in &cloud.outside_from {
             if progress(1.0).is_break() {
                 return Err(Error::Cancelled);
             }
-            let evidence = outside_evidence(cloud, &veils, &normals, *eye);
+            let evidence = outside_evidence(cloud, &translucent_layers, &normals, *eye);
             own.iter_mut().zip(evidence).for_each(|(own, e)| *own += e);
         }
-        let points: Vec<[f32; 3]> = veils.positions.iter().map(Vec3::to_array).collect();
+        let points: Vec<[f32; 3]> = translucent_layers
+            .positions
+            .iter()
+            .map(Vec3::to_array)
+            .collect();
         let neighbors = Nearest::new(&points, NEIGHBORS);
-        let odds = agreed(cloud, &veils, &neighbors, &normals, own);
-        let fronts: Vec<Vec3> = (normals.iter().zip(&odds))
+        let odds = inferred_visibility(cloud, &translucent_layers, &neighbors, &normals, own);
+        let outward_sides: Vec<Vec3> = (normals.iter().zip(&odds))
             .map(|(n, odds)| if *odds < 0.0 { -*n } else { *n })
             .collect();
-        let surface = surface_normals(cloud, &veils, &neighbors, &fronts, (&seen, &odds));
+        let surface = surface_normals(
+            cloud,
+            &translucent_layers,
+            &neighbors,
+            &outward_sides,
+            (&seen, &odds),
+        );
         Ok(Self {
             of: (0..cloud.len())
-                .map(|i| Front::new(seen[i], odds[i], surface[i]))
+                .map(|i| OutwardSide::new(seen[i], odds[i], surface[i]))
                 .collect(),
         })
     }
@@ -205,10 +215,11 @@ impl Fronts {
     }
 
     /// Visible weight of each surfel: its area times opacity times visible share. `[n]`, sums to 1
-    pub fn prominence(&self, cloud: &SurfelCloud) -> Vec<f32> {
+    pub fn visible_weight(&self, cloud: &SurfelCloud) -> Vec<f32> {
         let largest = (cloud.scales.iter()).fold(0f32, |l, s| l.max(s.max_element()));
         let unit = largest.max(f32::MIN_POSITIVE);
-        let each = |(i, front): (usize, &Front)| f64::from(seen_area(cloud, i, front.seen(), unit));
+        let each =
+            |(i, front): (usize, &OutwardSide)| f64::from(seen_area(cloud, i, front.seen(), unit));
         let all: Vec<f64> = self.of.iter().enumerate().map(each).collect();
         let sum: f64 = all.iter().sum();
         if sum.is_nan() || sum <= 0.0 {
@@ -229,18 +240,18 @@ fn seen_area(cloud: &SurfelCloud, i: usize, seen: f32, unit: f32) -> f32 {
 
 /// Visible share of each surfel from the stored normal's side and from the other one, 0 to 1: cosine-weighted means. `[n]`
 fn seen_from_sides(
-    veils: &Veils,
+    translucent_layers: &TranslucentLayers,
     normals: &[Vec3],
     progress: Progress<'_>,
 ) -> Result<Vec<[f32; 2]>> {
     if normals.len() >= MANY
-        && let Some(grid) = LightGrid::resolving(veils)
+        && let Some(grid) = LightGrid::resolving(translucent_layers)
     {
-        return seen_on_grids(veils, &grid, normals, progress);
+        return seen_on_grids(translucent_layers, &grid, normals, progress);
     }
     let directions = lattice(DIRECTIONS);
     let done = AtomicUsize::new(0);
-    let packets: Vec<Vec<[f32; 2]>> = veils
+    let packets: Vec<Vec<[f32; 2]>> = translucent_layers
         .order
         .par_chunks(PACKET)
         .map_init(Vec::new, |stack, of| {
@@ -250,7 +261,7 @@ fn seen_from_sides(
             }
             let mut sums = vec![[[0f32; 2]; 2]; of.len()];
             for d in &directions {
-                let through = veils.transmittance(of, *d, stack);
+                let through = translucent_layers.transmittance(of, *d, stack);
                 for ((sum, i), through) in sums.iter_mut().zip(of).zip(through) {
                     add_seen(sum, normals[*i as usize].dot(*d), through);
                 }
@@ -259,7 +270,11 @@ fn seen_from_sides(
         })
         .collect::<Result<_>>()?;
     let mut seen = vec![[0f32; 2]; normals.len()];
-    for (i, s) in veils.order.iter().zip(packets.into_iter().flatten()) {
+    for (i, s) in translucent_layers
+        .order
+        .iter()
+        .zip(packets.into_iter().flatten())
+    {
         seen[*i as usize] = s;
     }
     Ok(seen)
@@ -267,7 +282,7 @@ fn seen_from_sides(
 
 /// Visible shares by blending all surfels once for each direction. `[n]`
 fn seen_on_grids(
-    veils: &Veils,
+    translucent_layers: &TranslucentLayers,
     grid: &LightGrid,
     normals: &[Vec3],
     progress: Progress<'_>,
@@ -283,7 +298,7 @@ fn seen_on_grids(
                 if progress(so_far as f64 / DIRECTIONS_OF_MANY as f64).is_break() {
                     return Err(Error::Cancelled);
                 }
-                Ok(grid.transmittance(veils, *d))
+                Ok(grid.transmittance(translucent_layers, *d))
             };
             directions.iter().map(from).collect()
         })
@@ -365,8 +380,13 @@ fn log_odds(seen: &[[f32; 2]], variation: &[[f32; 2]]) -> Vec<f32> {
 }
 
 /// Log odds that the stored normal's side is the front, of what is seen from a place outside. `[n]`
-fn outside_evidence(cloud: &SurfelCloud, veils: &Veils, normals: &[Vec3], eye: Vec3) -> Vec<f32> {
-    let packets: Vec<Vec<f32>> = veils
+fn outside_evidence(
+    cloud: &SurfelCloud,
+    translucent_layers: &TranslucentLayers,
+    normals: &[Vec3],
+    eye: Vec3,
+) -> Vec<f32> {
+    let packets: Vec<Vec<f32>> = translucent_layers
         .order
         .par_chunks(PACKET)
         .map_init(Vec::new, |stack, of| {
@@ -374,7 +394,8 @@ fn outside_evidence(cloud: &SurfelCloud, veils: &Veils, normals: &[Vec3], eye: V
             let places = of.iter().map(|i| cloud.positions[*i as usize]);
             let middle = places.sum::<Vec3>() / of.len() as f32;
             let toward = (eye - middle).normalize_or(Vec3::Z);
-            let [near, far] = [toward, -toward].map(|d| veils.transmittance(of, d, stack));
+            let [near, far] =
+                [toward, -toward].map(|d| translucent_layers.transmittance(of, d, stack));
             let each = of.iter().zip(near.into_iter().zip(far));
             each.map(|(i, (near, far))| {
                 // What is seen less from here than from beyond lies on another face.
@@ -392,16 +413,20 @@ fn outside_evidence(cloud: &SurfelCloud, veils: &Veils, normals: &[Vec3], eye: V
         })
         .collect();
     let mut evidence = vec![0f32; normals.len()];
-    for (i, odds) in veils.order.iter().zip(packets.into_iter().flatten()) {
+    for (i, odds) in translucent_layers
+        .order
+        .iter()
+        .zip(packets.into_iter().flatten())
+    {
         evidence[*i as usize] = odds;
     }
     evidence
 }
 
 /// The log odds when neighbours in one plane agree on their fronts: mean field of an Ising model. `[n]`
-fn agreed(
+fn inferred_visibility(
     cloud: &SurfelCloud,
-    veils: &Veils,
+    translucent_layers: &TranslucentLayers,
     neighbors: &Nearest,
     normals: &[Vec3],
     own: Vec<f32>,
@@ -409,12 +434,12 @@ fn agreed(
     // Of one plane: facing one way, and near it by the finer of the two surfels' extents.
     let couple = |i: usize, j: usize| {
         let cosine = normals[i].dot(normals[j]);
-        let apart = veils.positions[j] - veils.positions[i];
+        let apart = translucent_layers.positions[j] - translucent_layers.positions[i];
         let off = 0.5 * (apart.dot(normals[i]).abs() + apart.dot(normals[j]).abs());
         let extent = cloud.scales[i]
             .min_element()
             .min(cloud.scales[j].min_element());
-        let off = off * veils.radius / extent.max(1e-9 * veils.radius);
+        let off = off * translucent_layers.radius / extent.max(1e-9 * translucent_layers.radius);
         (cosine * cosine * (-off * off).exp() * cloud.opacities[j]).copysign(cosine)
     };
     let couplings: Vec<f32> = (0..own.len())
@@ -445,18 +470,25 @@ fn agreed(
 /// The normals of the surface that the surfels make up: many that overlap are averaged, one that stands alone keeps its own. `[n]`
 fn surface_normals(
     cloud: &SurfelCloud,
-    veils: &Veils,
+    translucent_layers: &TranslucentLayers,
     neighbors: &Nearest,
-    fronts: &[Vec3],
+    outward_sides: &[Vec3],
     (seen, odds): (&[[f32; 2]], &[f32]),
 ) -> Vec<Vec3> {
-    let weights: Vec<f32> = (0..fronts.len())
-        .map(|i| seen_area(cloud, i, seen[i][usize::from(odds[i] < 0.0)], veils.radius))
+    let weights: Vec<f32> = (0..outward_sides.len())
+        .map(|i| {
+            seen_area(
+                cloud,
+                i,
+                seen[i][usize::from(odds[i] < 0.0)],
+                translucent_layers.radius,
+            )
+        })
         .collect();
-    let extent = |i: usize| SMOOTHING * cloud.scales[i].max_element() / veils.radius;
-    let mut normals = fronts.to_vec();
+    let extent = |i: usize| SMOOTHING * cloud.scales[i].max_element() / translucent_layers.radius;
+    let mut normals = outward_sides.to_vec();
     for _ in 0..SMOOTHING_TURNS {
-        normals = (0..fronts.len())
+        normals = (0..outward_sides.len())
             .into_par_iter()
             .map(|i| {
                 let mut sum = normals[i] * (OWN_WEIGHT * weights[i]);
@@ -465,7 +497,8 @@ fn surface_normals(
                     if cosine <= 0.0 {
                         continue;
                     }
-                    let apart = veils.positions[j].distance_squared(veils.positions[i]);
+                    let apart = translucent_layers.positions[j]
+                        .distance_squared(translucent_layers.positions[i]);
                     let near = (-0.5 * apart / (extent(i) * extent(j)).max(1e-18)).exp();
                     sum += normals[j] * (weights[j] * near * cosine * cosine);
                 }
@@ -502,8 +535,10 @@ mod tests {
     use crate::synthetic;
 
     fn find(cloud: &SurfelCloud) -> Vec<Vec3> {
-        let fronts = Fronts::find(cloud, &no_progress).expect("not cancelled");
-        (0..cloud.len()).map(|i| fronts.normal(cloud, i)).collect()
+        let outward_sides = OutwardSides::find(cloud, &no_progress).expect("not cancelled");
+        (0..cloud.len())
+            .map(|i| outward_sides.normal(cloud, i))
+            .collect()
     }
 
     fn turn_every_third(cloud: &mut SurfelCloud) {
@@ -525,16 +560,16 @@ mod tests {
     fn a_ball_faces_outward_however_its_normals_are_stored() {
         let mut ball = synthetic::sphere(1500);
         turn_every_third(&mut ball);
-        let fronts = Fronts::find(&ball, &no_progress).expect("not cancelled");
+        let outward_sides = OutwardSides::find(&ball, &no_progress).expect("not cancelled");
         for (i, p) in ball.positions.iter().enumerate() {
-            assert!(fronts.normal(&ball, i).dot(*p) > 0.0, "surfel {i}");
-            let front = &fronts.of[i];
+            assert!(outward_sides.normal(&ball, i).dot(*p) > 0.0, "surfel {i}");
+            let front = &outward_sides.of[i];
             assert!(front.is_one_sided() && !front.is_guess(), "{front:?}");
             assert_eq!(front.is_turned(), i % 3 == 0);
             // One layer of surfels that hardly overlap has nothing to average.
             assert!(front.surface_normal().dot(*p) > 0.9999);
         }
-        let sum: f32 = fronts.prominence(&ball).iter().sum();
+        let sum: f32 = outward_sides.visible_weight(&ball).iter().sum();
         assert!((sum - 1.0).abs() < 1e-4);
     }
 
@@ -616,28 +651,38 @@ mod tests {
             stack.scales[i] *= 4.0;
             stack.opacities[i] = 0.3;
         }
-        let fronts = Fronts::find(&stack, &no_progress).expect("not cancelled");
+        let outward_sides = OutwardSides::find(&stack, &no_progress).expect("not cancelled");
         let off = |n: Vec3, i: usize| n.angle_between(ball.positions[i]);
         let mean = |f: &dyn Fn(usize) -> f32| (0..stack.len()).map(f).sum::<f32>() / 8000.0;
-        let own = mean(&|i| off(fronts.normal(&stack, i), i));
-        let surface = mean(&|i| off(fronts.of[i].surface_normal(), i));
+        let own = mean(&|i| off(outward_sides.normal(&stack, i), i));
+        let surface = mean(&|i| off(outward_sides.of[i].surface_normal(), i));
         assert!(surface < 0.5 * own, "{surface} for {own}");
     }
 
     #[test]
     fn a_sheet_stays_as_it_was_stored_and_is_a_guess() {
         let sheet = synthetic::sheet(12);
-        let fronts = Fronts::find(&sheet, &no_progress).expect("not cancelled");
-        assert!(fronts.of.iter().all(|f| !f.is_turned() && f.is_guess()));
-        assert!(fronts.of.iter().all(|f| !f.is_one_sided()));
+        let outward_sides = OutwardSides::find(&sheet, &no_progress).expect("not cancelled");
+        assert!(
+            outward_sides
+                .of
+                .iter()
+                .all(|f| !f.is_turned() && f.is_guess())
+        );
+        assert!(outward_sides.of.iter().all(|f| !f.is_one_sided()));
     }
 
     #[test]
     fn what_the_user_sees_from_outside_is_the_front() {
         let mut sheet = synthetic::sheet(12);
         sheet.outside_from = vec![Vec3::new(0.3, 0.2, -4.0)];
-        let fronts = Fronts::find(&sheet, &no_progress).expect("not cancelled");
-        assert!(fronts.of.iter().all(|f| f.is_turned() && !f.is_guess()));
+        let outward_sides = OutwardSides::find(&sheet, &no_progress).expect("not cancelled");
+        assert!(
+            outward_sides
+                .of
+                .iter()
+                .all(|f| f.is_turned() && !f.is_guess())
+        );
         // It says nothing of what is not seen from there.
         let mut ball = synthetic::sphere(1500);
         turn_every_third(&mut ball);
@@ -659,15 +704,18 @@ mod tests {
     fn grids_tell_the_same_side_as_rays() {
         let mut cloud = synthetic::sphere_over_plate(6000);
         turn_every_third(&mut cloud);
-        let (veils, normals) = (
-            Veils::new(&cloud),
+        let (translucent_layers, normals) = (
+            TranslucentLayers::new(&cloud),
             (0..cloud.len())
                 .map(|i| stored_normal(&cloud, i))
                 .collect::<Vec<_>>(),
         );
-        let grid = LightGrid::resolving(&veils).expect("they are larger than its pixels");
-        let by_rays = seen_from_sides(&veils, &normals, &no_progress).expect("not cancelled");
-        let on_grids = seen_on_grids(&veils, &grid, &normals, &no_progress).expect("not cancelled");
+        let grid =
+            LightGrid::resolving(&translucent_layers).expect("they are larger than its pixels");
+        let by_rays =
+            seen_from_sides(&translucent_layers, &normals, &no_progress).expect("not cancelled");
+        let on_grids = seen_on_grids(&translucent_layers, &grid, &normals, &no_progress)
+            .expect("not cancelled");
         let (mut told, mut other) = (0, 0);
         for ([a, b], [c, d]) in by_rays.iter().zip(&on_grids) {
             if a.min(*b) < ONE_SIDED * a.max(*b) {

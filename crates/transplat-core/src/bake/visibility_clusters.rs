@@ -24,18 +24,18 @@ const LEAST_ALIKE: f32 = 0.9;
 
 /// Error of the relit colour of single surfels (relative L2) by visibility clusters: at most that on four objects of 90,000 to 240,000 surfels, two
 /// thirds of it on most. It is noise: images, where many overlap, are off by a fifth to a half of it.
-pub const SHARED_SIGHT_ERROR: f32 = 0.08;
+pub const SHARED_VISIBILITY_ERROR: f32 = 0.08;
 
 /// Visibility clusters: surfels that share the rays of one of them.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Sharing {
+pub struct VisibilityClusters {
     /// The row that each surfel looks up what it sees in. `[n]`
     pub row_of: Vec<u32>,
     /// The surfel that each row was traced from. `[rows]`
     pub leaders: Vec<u32>,
 }
 
-impl Sharing {
+impl VisibilityClusters {
     /// None: each has its own, in that order.
     pub fn each_own(order: &[u32]) -> Self {
         let mut row_of = vec![0; order.len()];
@@ -74,8 +74,8 @@ impl Sharing {
         progress: Progress<'_>,
     ) -> Result<Self> {
         let n = tracer.surfels.len();
-        let fronts = &tracer.fronts.of;
-        let normals: Vec<_> = fronts.iter().map(|f| f.surface_normal()).collect();
+        let outward_sides = &tracer.outward_sides.of;
+        let normals: Vec<_> = outward_sides.iter().map(|f| f.surface_normal()).collect();
         let points = places_and_normals(&tracer.surfels, &normals);
         let mut order: Vec<u32> = (0..n as u32).collect();
         let groups = grouped(&points, &mut order, together);
@@ -86,7 +86,7 @@ impl Sharing {
             }
             let asked = |i: u32| {
                 let behind = tracer.surfels[i as usize].normal.dot(*direction) < 0.0;
-                !(behind && fronts[i as usize].hides_its_back())
+                !(behind && outward_sides[i as usize].hides_its_back())
             };
             let open = tracer.open_towards(*direction, asked);
             let each = seen.par_iter_mut().zip(open);
@@ -170,7 +170,7 @@ impl Sharing {
 mod tests {
     use super::*;
     use crate::bake::directional::DirectionalBake;
-    use crate::bake::patches::{DIRECTIONS, PATCHES, directions};
+    use crate::bake::strata::{DIRECTIONS, STRATA, directions};
     use crate::progress::no_progress;
     use crate::sh::refining_order;
     use crate::synthetic;
@@ -180,25 +180,32 @@ mod tests {
         let cloud = synthetic::sphere_over_plate(3000);
         let exact = DirectionalBake::all_rays(&cloud);
         let all = directions();
-        let asked: Vec<_> = refining_order(PATCHES)[..16]
+        let asked: Vec<_> = refining_order(STRATA)[..16]
             .iter()
             .map(|p| all[*p])
             .collect();
-        let sharing = Sharing::find(&exact.tracer, &asked, 8, &no_progress).expect("not cancelled");
-        let (n, rows) = (cloud.len(), sharing.leaders.len());
+        let visibility_clusters = VisibilityClusters::find(&exact.tracer, &asked, 8, &no_progress)
+            .expect("not cancelled");
+        let (n, rows) = (cloud.len(), visibility_clusters.leaders.len());
         // A plate and a ball are plain nearly everywhere.
         assert!(rows * 3 < n, "{rows} of {n}");
-        let rebuilt = Sharing::of_rows(sharing.row_of.clone(), sharing.leaders.clone());
-        assert_eq!(rebuilt.as_ref(), Some(&sharing));
+        let rebuilt = VisibilityClusters::of_rows(
+            visibility_clusters.row_of.clone(),
+            visibility_clusters.leaders.clone(),
+        );
+        assert_eq!(rebuilt.as_ref(), Some(&visibility_clusters));
         let (mut off, mut seen) = (0f32, 0f32);
         for i in 0..n {
-            let leader = sharing.leaders[sharing.row(i)] as usize;
+            let leader = visibility_clusters.leaders[visibility_clusters.row(i)] as usize;
             assert!(exact.normals[i].dot(exact.normals[leader]) >= LEAST_ALIKE);
             for (j, d) in all.iter().enumerate() {
                 let cosine = exact.normals[i].dot(*d).max(0.0);
-                let open = exact.sight.is_open(i, j);
+                let open = exact.directional_visibility.is_open(i, j);
                 seen += cosine * f32::from(u8::from(open));
-                off += cosine * f32::from(u8::from(open != exact.sight.is_open(leader, j)));
+                off += cosine
+                    * f32::from(u8::from(
+                        open != exact.directional_visibility.is_open(leader, j),
+                    ));
             }
         }
         // Rays from beside each other pass the rim of the ball on either side, and a sixth of what is asked may be off.
@@ -210,16 +217,16 @@ mod tests {
 
     #[test]
     fn few_surfels_share_nothing_and_what_does_not_belong_together_is_no_sharing() {
-        assert_eq!(Sharing::together(2 * EACH_OWN - 1), 1);
-        assert_eq!(Sharing::together(usize::MAX), TOGETHER);
-        let own = Sharing::each_own(&[2, 0, 1]);
+        assert_eq!(VisibilityClusters::together(2 * EACH_OWN - 1), 1);
+        assert_eq!(VisibilityClusters::together(usize::MAX), TOGETHER);
+        let own = VisibilityClusters::each_own(&[2, 0, 1]);
         assert_eq!((own.row(2), own.row(1), own.follower_share()), (0, 2, 0.0));
         for (row_of, leaders) in [
             (vec![0, 1], vec![0]),
             (vec![0, 0], vec![5]),
             (vec![1, 0], vec![0, 1]),
         ] {
-            assert_eq!(Sharing::of_rows(row_of, leaders), None);
+            assert_eq!(VisibilityClusters::of_rows(row_of, leaders), None);
         }
     }
 }

@@ -2,8 +2,8 @@
 
 use multiversion::multiversion;
 
-use super::asset::{DirectionalAsset, FrontAndBack};
-use super::nodes::{Nodes, SurfelFrame};
+use super::asset::{DirectionalCache, FrontAndBack};
+use super::nodes::{QuadratureNodes, SurfelFrame};
 use crate::color::Encoding;
 use crate::color_rows::ColorRows;
 use crate::lanes::{LANES, Lanes, mirror_of};
@@ -21,8 +21,8 @@ pub const RESIDUAL_FLOOR: f32 = 0.02;
 
 /// Diffuse surfels of a transfer.
 #[derive(Clone, Copy)]
-pub(super) struct Matte<'a> {
-    pub asset: &'a DirectionalAsset,
+pub(super) struct DiffuseSurfels<'a> {
+    pub asset: &'a DirectionalCache,
     /// The least colour at the nodes in each channel. `[n]`
     pub darkest: &'a [[f32; 3]],
     /// Stored colour that the model of the source misses. `[n][K]`
@@ -44,7 +44,7 @@ pub(super) struct BackLanes {
     factors: Vec<Lanes>,
 }
 
-impl Matte<'_> {
+impl DiffuseSurfels<'_> {
     /// Visible share of a surfel's back, where backs count.
     pub fn two_sided(&self, i: usize) -> f32 {
         if self.with_backs {
@@ -174,7 +174,7 @@ fn constant(encoding: Encoding) -> f32 {
 
 /// Adds the factors by height to the stored colour: all in the surfels' frames, and back.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn by_height(nodes: &Nodes, mirrors: [Lanes; 3], lanes: &mut BackLanes) {
+fn by_height(nodes: &QuadratureNodes, mirrors: [Lanes; 3], lanes: &mut BackLanes) {
     let (degree, k) = (nodes.degree, coefficient_count(nodes.degree));
     let mirror = mirror_of(degree, mirrors);
     let rows = 2 * (degree + 1);

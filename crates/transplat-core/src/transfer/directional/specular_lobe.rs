@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use rayon::prelude::*;
 
-use super::asset::{DirectionalAsset, Radiance};
+use super::asset::{DirectionalCache, Radiance};
 use super::incident::Incident;
 use super::lobe::{WIDTHS, peak};
 use super::moments::{AllMoments, Held};
@@ -37,18 +37,18 @@ pub const METAL_TURNS: usize = 8;
 
 /// The gloss of one surfel.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Gloss {
+pub struct SpecularLobe {
     /// Reflectance, per channel; 0 where the surfel is matte.
     pub reflectance: [f32; 3],
     /// Exponent of the lobe: 2 to this power.
     pub width: u32,
     /// True where a Fresnel term raises the lobe towards grazing view, as on all but metals.
-    pub rises: bool,
+    pub has_fresnel: bool,
 }
 
-impl Gloss {
+impl SpecularLobe {
     /// True without a specular lobe.
-    pub fn is_matte(&self) -> bool {
+    pub fn is_diffuse(&self) -> bool {
         self.reflectance == [0.0; 3]
     }
 
@@ -60,7 +60,7 @@ impl Gloss {
 
     /// Takes away what does not show beside what a surface of that albedo scatters. Returns of how many surfels.
     pub(super) fn take_unseen(all: &mut [Self], white: f32) -> usize {
-        let unseen = |g: &&mut Self| !g.is_matte() && !g.is_seen(white);
+        let unseen = |g: &&mut Self| !g.is_diffuse() && !g.is_seen(white);
         all.iter_mut()
             .filter(unseen)
             .map(|g| *g = Self::default())
@@ -73,14 +73,14 @@ impl Gloss {
 /// channel, pooled over its neighbours and drawn to the mean of the channels. It is looked for on the front, and not on leaves.
 ///
 /// `white` is the asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
-pub(super) fn find_gloss(
-    asset: &DirectionalAsset,
+pub(super) fn fit_lobes(
+    asset: &DirectionalCache,
     (light, radiance): (&Incident<'_>, &[Radiance]),
     white: f32,
-) -> Vec<Gloss> {
+) -> Vec<SpecularLobe> {
     let n = asset.bake.len();
     if asset.nodes.degree == 0 || n == 0 {
-        return vec![Gloss::default(); n];
+        return vec![SpecularLobe::default(); n];
     }
     let (moments, variances): (Vec<AllMoments>, Vec<[f32; 3]>) =
         (asset.neighbors.asked().par_iter())
@@ -101,14 +101,14 @@ pub(super) fn find_gloss(
 pub(super) fn pooled<const N: usize>(
     values: &[[f32; N]],
     neighbors: &Neighbors,
-    prominence: &[f32],
+    visible_weight: &[f32],
 ) -> Vec<[f32; N]> {
     let mean = |around: &[u32]| {
         let each = || around.iter().map(|j| *j as usize);
-        let total: f32 = each().map(|j| prominence[j]).sum();
+        let total: f32 = each().map(|j| visible_weight[j]).sum();
         let mut sum = [0f32; N];
         for j in each() {
-            let share = share_of(prominence[j], total, around.len());
+            let share = share_of(visible_weight[j], total, around.len());
             for (s, v) in sum.iter_mut().zip(values[j]) {
                 *s += share * v;
             }
@@ -121,9 +121,9 @@ pub(super) fn pooled<const N: usize>(
 }
 
 /// Weight of one of `count` surfels; equal where nothing of any is seen.
-fn share_of(prominence: f32, total: f32, count: usize) -> f32 {
+fn share_of(visible_weight: f32, total: f32, count: usize) -> f32 {
     if total > 0.0 {
-        prominence / total
+        visible_weight / total
     } else {
         1.0 / count as f32
     }
@@ -138,21 +138,21 @@ struct Regressed {
 }
 
 fn regress(
-    asset: &DirectionalAsset,
+    asset: &DirectionalCache,
     (moments, variances): (&[AllMoments], &[[f32; 3]]),
     kind: usize,
 ) -> Vec<Regressed> {
-    let prominence = &asset.bake.prominence;
+    let visible_weight = &asset.bake.visible_weight;
     let of_group = |around: &[u32]| -> [Sums; WIDTHS.len()] {
         // Only those that are asked are anyone's neighbours.
         let each = || {
             let surfels = around.iter().map(|j| *j as usize);
             surfels.filter_map(|j| Some((j, asset.neighbors.place_of(j)?)))
         };
-        let total: f32 = each().map(|(j, _)| prominence[j]).sum();
+        let total: f32 = each().map(|(j, _)| visible_weight[j]).sum();
         let mut sums = [Sums::default(); WIDTHS.len()];
         for (j, at) in each() {
-            let share = share_of(prominence[j], total, around.len());
+            let share = share_of(visible_weight[j], total, around.len());
             let brightness: f32 = asset.means[j][0].iter().map(|c| c * c).sum();
             let unit = share / brightness.max(1e-6);
             for (sums, m) in sums.iter_mut().zip(&moments[at][kind]) {
@@ -234,12 +234,12 @@ fn most_of(mean: f32, mirrored: f32) -> f32 {
 
 /// Chooses one of the two lobes for each surfel, and its confidence.
 fn choose(
-    asset: &DirectionalAsset,
+    asset: &DirectionalCache,
     (light, radiance): (&Incident<'_>, &[Radiance]),
     white: f32,
     moments: &[AllMoments],
     [metal, coated]: [&[Regressed]; 2],
-) -> Vec<Gloss> {
+) -> Vec<SpecularLobe> {
     let believed = |r: &Regressed, most: [f32; 3], i: usize| -> [f32; 3] {
         let trust =
             smoothstep(0.0, TRUSTED_CORRELATION, r.correlation) * (1.0 - asset.bake.two_sided[i]);
@@ -263,7 +263,7 @@ fn choose(
     };
     let mut stuff: Vec<[f32; 4]> = metal.iter().enumerate().map(own).collect();
     for _ in 0..METAL_TURNS {
-        stuff = pooled(&stuff, &asset.neighbors, &asset.bake.prominence);
+        stuff = pooled(&stuff, &asset.neighbors, &asset.bake.visible_weight);
     }
     stuff
         .into_par_iter()
@@ -278,17 +278,17 @@ fn choose(
                     true => ((width / weight.max(1e-9)).round() as usize).min(WIDTHS.len() - 1),
                     false => regressed.width,
                 };
-                let gloss = |k: [f32; 3]| Gloss {
+                let specular_lobe = |k: [f32; 3]| SpecularLobe {
                     reflectance: k.map(|k| k.clamp(0.0, MOST_REFLECTANCE * white)),
                     width: WIDTHS[width],
-                    rises: !is_metal,
+                    has_fresnel: !is_metal,
                 };
                 let at = asset.neighbors.place_of(i);
                 let k = believed(regressed, UNBOUNDED, i);
                 // Bounds only lower it.
-                let is_known = at.is_some() || !gloss(k).is_seen(white);
+                let is_known = at.is_some() || !specular_lobe(k).is_seen(white);
                 if !is_metal && is_known {
-                    return gloss(k);
+                    return specular_lobe(k);
                 }
                 let mean = match at {
                     Some(at) => moments[at][usize::from(!is_metal)][width].mean,
@@ -304,7 +304,7 @@ fn choose(
                     Some(_) => k,
                     None => believed(regressed, most, i),
                 };
-                gloss(std::array::from_fn(|c| k[c] + (most[c] - k[c]) * metallic))
+                specular_lobe(std::array::from_fn(|c| k[c] + (most[c] - k[c]) * metallic))
             },
         )
         .collect()

@@ -4,8 +4,8 @@ use std::f32::consts::PI;
 
 use rayon::prelude::*;
 
-use super::asset::{DirectionalAsset, FrontAndBack};
-use super::gloss::Gloss;
+use super::asset::{DirectionalCache, FrontAndBack};
+use super::specular_lobe::SpecularLobe;
 use crate::color::{srgb_decode, srgb_encode};
 use crate::numeric::{smoothstep, weighted_quantile};
 use crate::settings::GLOW_ABOVE;
@@ -41,8 +41,8 @@ const LAMPS: [f32; 2] = [0.8, 0.95];
 const TOGETHER: [f32; 2] = [0.1, 0.4];
 
 /// Irradiance of what is lit well.
-fn well_lit(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
-    let seen = asset.bake.prominence.iter().map(|p| f64::from(*p));
+fn well_lit(asset: &DirectionalCache, divisor: &[FrontAndBack]) -> f32 {
+    let seen = asset.bake.visible_weight.iter().map(|p| f64::from(*p));
     let light = divisor
         .iter()
         .map(|[front, _]| front.iter().sum::<f32>() / 3.0);
@@ -56,19 +56,24 @@ fn well_lit(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
 /// Share of each surfel's colour that is emission, 0 to 1, `[n]`, or empty where none is: where any channel of its albedo is `above` times the
 /// whitest one of the splat, it is bright in the images and even over the views, and its neighbours are so, too. `trust` is the confidence in the
 /// light, 0 to 1.
-pub(super) fn find_glow(
-    asset: &DirectionalAsset,
+pub(super) fn find_emission(
+    asset: &DirectionalCache,
     divisor: &[FrontAndBack],
-    gloss: &[Gloss],
+    specular_lobe: &[SpecularLobe],
     (white, above, trust): (f32, f32, f32),
 ) -> Vec<f32> {
     let q = asset.nodes.count();
     let white = white.max(PI * WHITE / well_lit(asset, divisor));
     let bright = BRIGHT.map(|v| srgb_encode(srgb_decode(v) * (above / GLOW_ABOVE).min(1.0)));
-    let each = asset.means.par_iter().zip(divisor).zip(gloss).enumerate();
-    let alone = each.map(|(i, (([mean, _], [light, _]), gloss))| {
+    let each = asset
+        .means
+        .par_iter()
+        .zip(divisor)
+        .zip(specular_lobe)
+        .enumerate();
+    let alone = each.map(|(i, (([mean, _], [light, _]), specular_lobe))| {
         // What mirrors a lamp is as bright as one.
-        if !gloss.is_matte() {
+        if !specular_lobe.is_diffuse() {
             return [0.0; 2];
         }
         let albedo = |c: usize| PI * mean[c] / light[c].max(LEAST_LIGHT);
@@ -76,9 +81,9 @@ pub(super) fn find_glow(
         let purity = 1.0 - mean.iter().copied().fold(brightest, f32::min) / brightest.max(1e-6);
         let vivid = 1.0 + smoothstep(PURE[0], PURE[1], purity);
         let most = vivid * (0..3).map(albedo).fold(0f32, f32::max) / white;
-        let glows = smoothstep(above, CERTAIN * above, most)
+        let emits = smoothstep(above, CERTAIN * above, most)
             * smoothstep(bright[0], bright[1], srgb_encode(brightest));
-        if glows <= 0.0 {
+        if emits <= 0.0 {
             return [0.0; 2];
         }
         let sum = |v: &[f32; 3]| v.iter().sum::<f32>();
@@ -88,26 +93,29 @@ pub(super) fn find_glow(
             .sum::<f32>()
             / q as f32;
         let variation = spread.sqrt() / middle.max(1e-6);
-        let glow = glows * (1.0 - smoothstep(EVEN[0], EVEN[1], variation));
+        let emission_share = emits * (1.0 - smoothstep(EVEN[0], EVEN[1], variation));
         let is_lamp = smoothstep(LAMPS[0], LAMPS[1], purity);
-        [glow, glow * if trust < 1.0 { is_lamp } else { 1.0 }]
+        [
+            emission_share,
+            emission_share * if trust < 1.0 { is_lamp } else { 1.0 },
+        ]
     });
     // Whether it may glow, and whether it speaks of that itself.
     let alone: Vec<[f32; 2]> = alone.collect();
     if alone.iter().all(|[_, g]| *g <= 0.0) {
         return Vec::new();
     }
-    let prominence = &asset.bake.prominence;
+    let visible_weight = &asset.bake.visible_weight;
     let together = alone.par_iter().enumerate().map(|(i, [own, _])| {
         if *own <= 0.0 {
             return 0.0;
         }
         let weighed = asset.neighbors.of(i).map(|j| {
-            let weight = prominence[j];
+            let weight = visible_weight[j];
             (alone[j][1] * weight, weight)
         });
-        let (glow, seen) = weighed.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-        own * smoothstep(TOGETHER[0], TOGETHER[1], glow / seen.max(1e-12))
+        let (emission_share, seen) = weighed.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        own * smoothstep(TOGETHER[0], TOGETHER[1], emission_share / seen.max(1e-12))
     });
     together.collect()
 }

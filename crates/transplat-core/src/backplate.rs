@@ -11,7 +11,7 @@ use crate::rasterize::ColorSpace;
 
 /// A photograph.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Plate {
+pub struct Backplate {
     /// Pixels across.
     pub width: usize,
     /// Pixels down.
@@ -22,7 +22,7 @@ pub struct Plate {
     pub warnings: Vec<String>,
 }
 
-impl Plate {
+impl Backplate {
     /// An image; what is no number or below black in it is black.
     pub fn of(mut image: Image) -> Self {
         let shown = |v: &mut f32| {
@@ -113,9 +113,9 @@ mod tests {
     use crate::present::PLAIN;
     use glam::Vec3;
 
-    fn plate(width: usize, height: usize) -> Plate {
+    fn plate(width: usize, height: usize) -> Backplate {
         let pixel = |i: usize| [(i % width) as f32, (i / width) as f32, 0.25];
-        Plate {
+        Backplate {
             warnings: Vec::new(),
             width,
             height,
@@ -155,7 +155,7 @@ mod tests {
         assert_eq!((small.width, small.height), (4, 2));
         for c in 0..3 {
             let mean =
-                |p: &Plate| p.pixels.iter().map(|v| v[c]).sum::<f32>() / p.pixels.len() as f32;
+                |p: &Backplate| p.pixels.iter().map(|v| v[c]).sum::<f32>() / p.pixels.len() as f32;
             assert!((mean(&plate) - mean(&small)).abs() < 1e-5);
         }
         assert_eq!(plate.reduced(6), plate);

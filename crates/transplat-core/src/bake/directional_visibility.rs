@@ -5,14 +5,14 @@ use std::sync::Arc;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::patches::{DIRECTIONS, Hit, WORDS, directions};
-use super::sharing::Sharing;
+use super::strata::{DIRECTIONS, Hit, WORDS, directions};
+use super::visibility_clusters::VisibilityClusters;
 
 /// Directional visibility of each surfel.
 #[derive(Clone, Debug)]
-pub struct Sight {
+pub struct DirectionalVisibility {
     /// Clusters of surfels with the same visibility.
-    pub sharing: Arc<Sharing>,
+    pub visibility_clusters: Arc<VisibilityClusters>,
     /// Open directions, a bit each. `[rows][WORDS]`
     pub open: Vec<[u64; WORDS]>,
     /// Where the blocked directions of each row begin in `hits`. `[rows + 1]`
@@ -21,10 +21,10 @@ pub struct Sight {
     pub hits: Vec<Hit>,
 }
 
-impl Sight {
+impl DirectionalVisibility {
     /// Blocked directions of surfel `i` that know what they meet.
     pub fn hits_of(&self, i: usize) -> &[Hit] {
-        self.hits_of_row(self.sharing.row(i))
+        self.hits_of_row(self.visibility_clusters.row(i))
     }
 
     /// Hits of a row.
@@ -35,7 +35,7 @@ impl Sight {
     /// Open directions of surfel `i`, a bit each.
     #[inline(always)]
     pub fn open_of(&self, i: usize) -> &[u64; WORDS] {
-        &self.open[self.sharing.row(i)]
+        &self.open[self.visibility_clusters.row(i)]
     }
 
     /// True where surfel `i` sees all the way out towards direction `j`.
@@ -61,8 +61,8 @@ impl Sight {
 
     /// Bytes that it takes.
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.sharing.row_of[..])
-            + size_of_val(&self.sharing.leaders[..])
+        size_of_val(&self.visibility_clusters.row_of[..])
+            + size_of_val(&self.visibility_clusters.leaders[..])
             + size_of_val(&self.open[..])
             + size_of_val(&self.starts[..])
             + size_of_val(&self.hits[..])

@@ -8,9 +8,9 @@ use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estima
 use transplat_core::settings::Method;
 
 use super::session::Session;
-use transplat_engine::asset::OpenedWith;
 use transplat_engine::language::tr_format;
 use transplat_engine::project::{SOURCE, TARGET};
+use transplat_engine::splat::OpenedWith;
 
 impl Session {
     /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.
@@ -27,7 +27,7 @@ impl Session {
                 };
                 let opened_with = OpenedWith::Object(Box::new(object), None);
                 self.project
-                    .load_asset(self.selected, path.to_owned(), opened_with);
+                    .load_splat(self.selected, path.to_owned(), opened_with);
             }
             Ok(FileKind::Cameras) => self.project.open_cameras(path),
             Ok(FileKind::Rig) => self.open_rig(path),

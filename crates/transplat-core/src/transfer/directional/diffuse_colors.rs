@@ -7,14 +7,14 @@ const AS_STORED: u32 = u32::MAX;
 
 /// Diffuse colour of some surfels at the nodes, the specular lobe subtracted.
 #[derive(Clone, Debug)]
-pub(super) struct MatteColors {
+pub(super) struct DiffuseColors {
     /// Row of `kept` of each surfel. `[n]`
     row_of: Vec<u32>,
     /// `[rows][Q]`
     pub kept: ColorRows,
 }
 
-impl MatteColors {
+impl DiffuseColors {
     /// With rows for some of the surfels, `[n]`, black until they are set.
     pub fn for_those(is_kept: impl Iterator<Item = bool>, nodes: usize) -> Self {
         let (row_of, rows) = numbered(is_kept);
@@ -74,12 +74,12 @@ mod tests {
 
     #[test]
     fn those_that_are_kept_stay_with_their_surfels() {
-        let mut colors = MatteColors::for_those([false, true, true, false].into_iter(), 2);
+        let mut colors = DiffuseColors::for_those([false, true, true, false].into_iter(), 2);
         for (i, row) in colors.rows_mut().into_iter().enumerate() {
             let mut values = [[i as f32; 3]; 2];
             row.into_iter().for_each(|row| row.store(&mut values));
         }
-        let rows = |colors: &MatteColors, n: usize| -> Vec<Option<f32>> {
+        let rows = |colors: &DiffuseColors, n: usize| -> Vec<Option<f32>> {
             let mut read = Vec::new();
             (0..n)
                 .map(|i| colors.row(i, &mut read).map(|r| r[1][2]))

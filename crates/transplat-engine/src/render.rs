@@ -6,14 +6,14 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result};
 use glam::{DMat3, Vec2, Vec3};
 use rayon::prelude::*;
+use transplat_core::backplate::Backplate;
 use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, NEAR};
 use transplat_core::color::{Display, srgb_decode, srgb_decode_all, srgb_encode};
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::files::{load_lut, load_plate};
+use transplat_core::files::{load_backplate, load_lut};
 use transplat_core::ground::Ground;
 use transplat_core::lut::Lut;
-use transplat_core::plate::Plate;
 use transplat_core::present::{self, Background, PLAIN, View, in_space};
 use transplat_core::probe::{Beyond, Cube, Probe};
 use transplat_core::progress::{Progress, part, tell};
@@ -117,10 +117,10 @@ impl Lit {
         let mut lit = Self::default();
         match view {
             View::Tau => lit.colors = present::tau_colors(&relit.tau),
-            View::Albedo | View::Glow => lit.colors = present::material_colors(view, prepared),
-            View::Doubts => {
-                let doubts = present::doubts(cloud, bake, prepared, &relit.tau);
-                lit.colors = present::doubt_colors(&doubts);
+            View::Albedo | View::Emission => lit.colors = present::material_colors(view, prepared),
+            View::Confidence => {
+                let confidence = present::confidence(cloud, bake, prepared, &relit.tau);
+                lit.colors = present::confidence_colors(&confidence);
             }
             _ => lit.relit = Some(relit),
         }
@@ -151,7 +151,7 @@ struct Shot<'a> {
     factor: usize,
     lit: &'a Lit,
     /// Reduced to the picture's size.
-    plate: Option<&'a Plate>,
+    plate: Option<&'a Backplate>,
     progress: Progress<'a>,
 }
 
@@ -181,7 +181,7 @@ pub struct Studio {
     /// Ground that catches shadows.
     pub ground: Option<Ground>,
     /// Behind it, where that is the background.
-    pub plate: Option<Plate>,
+    pub plate: Option<Backplate>,
     /// LUT of an image for display.
     pub lut: Option<Arc<Lut>>,
 }
@@ -224,10 +224,10 @@ impl Studio {
     ///
     /// # Errors
     /// It cannot be read.
-    pub fn load_plate(&mut self) -> Result<()> {
+    pub fn load_backplate(&mut self) -> Result<()> {
         let path = self.scene.plate.as_ref();
-        let path = path.filter(|_| self.scene.background == Background::Plate);
-        self.plate = path.map(|path| load_plate(path)).transpose()?;
+        let path = path.filter(|_| self.scene.background == Background::Backplate);
+        self.plate = path.map(|path| load_backplate(path)).transpose()?;
         Ok(())
     }
 
@@ -260,7 +260,7 @@ impl Studio {
         progress: Progress<'_>,
     ) -> Result<Raster> {
         let shorter = camera.width.min(camera.height);
-        let is_behind = self.scene.background == Background::Plate;
+        let is_behind = self.scene.background == Background::Backplate;
         let plate = self.plate.as_ref().filter(|_| is_behind);
         let plate = plate.map(|plate| plate.reduced(shorter));
         let shot = Shot {
@@ -414,7 +414,7 @@ impl Studio {
             }
             View::Normals => colors(&present::normal_colors(cloud, camera.eye, self.space)),
             View::Visibility => colors(&self.openness),
-            View::Albedo | View::Glow | View::Tau | View::Doubts => colors(&lit.colors),
+            View::Albedo | View::Emission | View::Tau | View::Confidence => colors(&lit.colors),
             _ => {
                 let relit = lit.relit.as_ref().context("nothing is relit")?;
                 self.paint(shot, Paint::relit(relit), self.space)
@@ -436,7 +436,7 @@ impl Studio {
         let height = camera.height;
         match (background, &lit.backdrops[side]) {
             (Background::Transparent, _) | (Background::Environment, None) => {}
-            (Background::Plate, _) => {
+            (Background::Backplate, _) => {
                 if let Some(plate) = shot.plate {
                     // A photograph has its own lens behind it.
                     let camera = &Camera {

@@ -4,46 +4,46 @@ use super::method::Method;
 
 /// Optimizations that are on: all of them unless a test or a measurement compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Skips([bool; Skip::ALL.len()]);
+pub struct Optimizations([bool; Optimization::ALL.len()]);
 
 // The last variant: each has its place.
-const _: () = assert!(Skip::Unseen as usize + 1 == Skip::ALL.len());
+const _: () = assert!(Optimization::Unseen as usize + 1 == Optimization::ALL.len());
 
-impl Skips {
+impl Optimizations {
     /// Nothing is left out.
-    pub const NONE: Self = Self([false; Skip::ALL.len()]);
+    pub const NONE: Self = Self([false; Optimization::ALL.len()]);
 
     /// True where an optimization is on.
-    pub fn has(self, skip: Skip) -> bool {
+    pub fn has(self, skip: Optimization) -> bool {
         self.0[skip as usize]
     }
 
     /// All but that.
-    pub fn without(mut self, skip: Skip) -> Self {
+    pub fn without(mut self, skip: Optimization) -> Self {
         self.0[skip as usize] = false;
         self
     }
 }
 
-impl Default for Skips {
+impl Default for Optimizations {
     fn default() -> Self {
-        Self([true; Skip::ALL.len()])
+        Self([true; Optimization::ALL.len()])
     }
 }
 
 /// Something that a stage may leave out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Skip {
+pub enum Optimization {
     /// Bake of the directional method: rays into sides of surfels that the first rays found closed.
     ClosedSides,
     /// Bakes: where nothing blocks anything.
     OpenObject,
     /// Bake of the directional method: rays of surfels beside one that sees nearly the same.
-    SharedSight,
+    SharedVisibility,
     /// Bake of the directional method on the CPU: of many surfels, rays of which the nearest ones all leave or are all blocked.
-    AgreedRays,
+    InferredRays,
     /// Preparing the directional method: of very many surfels, to ask each what it is made of.
-    SharedGloss,
+    SharedLobes,
     /// Transfer and drawing: SH bands in which the result holds nothing.
     EmptyBands,
     /// Transfer of the harmonic method on the CPU: two of the three channels of a grey light.
@@ -53,24 +53,24 @@ pub enum Skip {
     /// Transfer of the directional method: all turns of the bounce but one, where no light bounces.
     Bounces,
     /// Transfer of the directional method: the lobe of surfels that show no gloss.
-    Matte,
+    DiffuseSurfels,
     /// Transfer and drawing: surfels that are hidden or too faint to be seen.
     Unseen,
 }
 
-impl Skip {
+impl Optimization {
     /// All of them, in their order.
     pub const ALL: [Self; 11] = [
         Self::ClosedSides,
         Self::OpenObject,
-        Self::SharedSight,
-        Self::AgreedRays,
-        Self::SharedGloss,
+        Self::SharedVisibility,
+        Self::InferredRays,
+        Self::SharedLobes,
         Self::EmptyBands,
         Self::GrayLight,
         Self::Suns,
         Self::Bounces,
-        Self::Matte,
+        Self::DiffuseSurfels,
         Self::Unseen,
     ];
 
@@ -79,14 +79,14 @@ impl Skip {
         match self {
             Self::ClosedSides => "closed-sides",
             Self::OpenObject => "open-object",
-            Self::SharedSight => "shared-sight",
-            Self::AgreedRays => "agreed-rays",
-            Self::SharedGloss => "shared-gloss",
+            Self::SharedVisibility => "shared-sight",
+            Self::InferredRays => "agreed-rays",
+            Self::SharedLobes => "shared-gloss",
             Self::EmptyBands => "empty-bands",
             Self::GrayLight => "gray-light",
             Self::Suns => "suns",
             Self::Bounces => "bounces",
-            Self::Matte => "matte",
+            Self::DiffuseSurfels => "matte",
             Self::Unseen => "unseen",
         }
     }
@@ -97,12 +97,12 @@ impl Skip {
             Self::OpenObject | Self::EmptyBands => &Method::ALL,
             Self::GrayLight => &[Method::Harmonic],
             Self::ClosedSides
-            | Self::SharedSight
-            | Self::AgreedRays
-            | Self::SharedGloss
+            | Self::SharedVisibility
+            | Self::InferredRays
+            | Self::SharedLobes
             | Self::Suns
             | Self::Bounces
-            | Self::Matte
+            | Self::DiffuseSurfels
             | Self::Unseen => &[Method::Directional],
         }
     }
@@ -110,15 +110,15 @@ impl Skip {
     /// The stage that is quicker for it.
     pub fn stage(self) -> Stage {
         match self {
-            Self::ClosedSides | Self::OpenObject | Self::SharedSight | Self::AgreedRays => {
+            Self::ClosedSides | Self::OpenObject | Self::SharedVisibility | Self::InferredRays => {
                 Stage::Bake
             }
-            Self::SharedGloss => Stage::Prepare,
+            Self::SharedLobes => Stage::Prepare,
             Self::EmptyBands
             | Self::GrayLight
             | Self::Suns
             | Self::Bounces
-            | Self::Matte
+            | Self::DiffuseSurfels
             | Self::Unseen => Stage::Transfer,
         }
     }
@@ -127,7 +127,7 @@ impl Skip {
     pub fn is_of_rays(self) -> bool {
         matches!(
             self,
-            Self::ClosedSides | Self::SharedSight | Self::AgreedRays
+            Self::ClosedSides | Self::SharedVisibility | Self::InferredRays
         )
     }
 
@@ -136,18 +136,18 @@ impl Skip {
         match self {
             Self::ClosedSides => "rays on both sides of every surfel: no side is closed",
             Self::OpenObject => "visibility: surfels block each other's light",
-            Self::SharedSight => {
+            Self::SharedVisibility => {
                 "rays of every surfel: there are not so many, or no two see the same"
             }
-            Self::AgreedRays => {
+            Self::InferredRays => {
                 "rays in every direction: there are not so many surfels, or none that agree"
             }
-            Self::SharedGloss => "the gloss of every surfel: there are not so many",
+            Self::SharedLobes => "the gloss of every surfel: there are not so many",
             Self::EmptyBands => "all SH bands: there is something in each",
             Self::GrayLight => "three channels: the light has a colour",
             Self::Suns => "rays to suns: the light has one",
             Self::Bounces => "all turns of the bounce: surfels light each other",
-            Self::Matte => "a lobe on every surfel: all of them show gloss",
+            Self::DiffuseSurfels => "a lobe on every surfel: all of them show gloss",
             Self::Unseen => "every surfel: none is too faint to be seen",
         }
     }
@@ -180,13 +180,13 @@ impl Stage {
 
 /// Something that a stage left out.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Skipped {
+pub struct SkippedWork {
     /// What, for people.
     pub what: String,
     /// Reason that it was skipped.
     pub why: String,
-    /// By which of the [`Skips`], where it can be done all the same.
-    pub skip: Option<Skip>,
+    /// By which of the [`Optimizations`], where it can be done all the same.
+    pub skip: Option<Optimization>,
     /// The stage that is quicker for it.
     pub stage: Stage,
     /// Share of the stage's work, 0 to 1, where that is known.
@@ -198,7 +198,7 @@ pub struct Skipped {
     pub max_error: Option<f32>,
 }
 
-impl Skipped {
+impl SkippedWork {
     /// Something that changes nothing, of a stage.
     pub fn exact(stage: Stage, what: impl Into<String>, why: impl Into<String>) -> Self {
         Self {
@@ -217,7 +217,7 @@ impl Skipped {
         let count = unseen.iter().filter(|u| **u).count();
         let why = format!("{count} are hidden, or too faint for any pixel");
         (count > 0).then(|| Self {
-            skip: Some(Skip::Unseen),
+            skip: Some(Optimization::Unseen),
             share: Some(count as f32 / unseen.len() as f32),
             ..Self::exact(Stage::Transfer, "surfels that nobody sees", why)
         })

@@ -86,8 +86,8 @@ pub fn up_from_cameras(cameras: impl IntoIterator<Item = DMat4>) -> Option<UpAxi
     let along = |up: &UpAxis| mean.dot(up.direction().as_dvec3());
     let up =
         (UpAxis::ALL.map(|(_, up)| up).into_iter()).max_by(|a, b| along(a).total_cmp(&along(b)))?;
-    let is_told = ups.len() >= LEAST_CAMERAS && along(&up) > CAMERAS_AGREE;
-    is_told.then_some(up)
+    let is_explicit = ups.len() >= LEAST_CAMERAS && along(&up) > CAMERAS_AGREE;
+    is_explicit.then_some(up)
 }
 
 /// The likeliest axis, by sums of log-odds: of the habit of files, of its stance, of light from above.

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::patches::{DIRECTIONS, PATCHES, WORDS};
+use super::strata::{DIRECTIONS, STRATA, WORDS};
 use crate::sh::refining_order;
 
 /// Surfels from which on that is done.
@@ -13,22 +13,22 @@ const NEAREST: usize = 3;
 
 /// Error of the relit colour of single surfels (relative L2) by inferred visibility: at most that on five objects of 70,000 to 240,000 surfels under
 /// five lights, a plant under lamps; a quarter of it on most.
-pub const AGREED_ERROR: f32 = 0.05;
+pub const INFERRED_ERROR: f32 = 0.05;
 
 /// Directions whose visibility is inferred from others.
-pub(super) struct Agreed {
+pub(super) struct InferredVisibility {
     /// The nearest ones to each direction, as bits; none where it is traced in any case. `[DIRECTIONS]`
     nearest: Vec<Option<[u64; WORDS]>>,
 }
 
-impl Agreed {
+impl InferredVisibility {
     /// Inference for so many surfels and the rays of some patches, which follow in [`refining_order`] on others that are done. Traced in any case are
     /// the patches' first directions, and those with a nearest one that is not known by then.
-    pub fn of(directions: &[Vec3], patches: &[usize], surfels: usize) -> Self {
+    pub fn of(directions: &[Vec3], strata: &[usize], surfels: usize) -> Self {
         if surfels < MANY {
             return Self::none();
         }
-        Self::of_many(directions, patches)
+        Self::of_many(directions, strata)
     }
 
     /// No direction tells of another.
@@ -39,17 +39,17 @@ impl Agreed {
     }
 
     /// Inference as for very many surfels.
-    pub fn of_many(directions: &[Vec3], patches: &[usize]) -> Self {
-        let order = refining_order(PATCHES);
-        let last = order.iter().position(|p| patches.last() == Some(p));
+    pub fn of_many(directions: &[Vec3], strata: &[usize]) -> Self {
+        let order = refining_order(STRATA);
+        let last = order.iter().position(|p| strata.last() == Some(p));
         let done = &order[..last.map_or(0, |last| last + 1)];
         let nearest = |j: usize| {
             // The places before, which are known by then.
-            let mut near: Vec<usize> = (0..j / PATCHES * PATCHES).collect();
+            let mut near: Vec<usize> = (0..j / STRATA * STRATA).collect();
             let cosine = |k: &usize| directions[*k].dot(directions[j]);
             near.sort_by(|a, b| cosine(b).total_cmp(&cosine(a)));
             let near = near.get(..NEAREST)?;
-            let are_done = near.iter().all(|k| done.contains(&(k % PATCHES)));
+            let are_done = near.iter().all(|k| done.contains(&(k % STRATA)));
             are_done.then(|| {
                 let mut mask = [0; WORDS];
                 near.iter().for_each(|k| mask[k / 64] |= 1 << (k % 64));
@@ -77,7 +77,7 @@ impl Agreed {
 mod tests {
     use super::*;
     use crate::bake::directional::DirectionalBake;
-    use crate::bake::patches::directions;
+    use crate::bake::strata::directions;
     use crate::synthetic;
 
     #[test]
@@ -86,15 +86,16 @@ mod tests {
         let (exact, told) = [false, true]
             .map(|is| DirectionalBake::traced(&cloud, is))
             .into();
-        assert_eq!(exact.agreed_share, 0.0);
-        assert!(told.agreed_share > 0.3, "{}", told.agreed_share);
+        assert_eq!(exact.inferred_share, 0.0);
+        assert!(told.inferred_share > 0.3, "{}", told.inferred_share);
         let (mut off, mut seen) = (0f32, 0f32);
         for i in 0..cloud.len() {
             for (j, d) in directions().iter().enumerate() {
                 let cosine = exact.normals[i].dot(*d).max(0.0);
-                let open = exact.sight.is_open(i, j);
+                let open = exact.directional_visibility.is_open(i, j);
                 seen += cosine * f32::from(u8::from(open));
-                off += cosine * f32::from(u8::from(open != told.sight.is_open(i, j)));
+                off +=
+                    cosine * f32::from(u8::from(open != told.directional_visibility.is_open(i, j)));
             }
         }
         // Rims of what blocks may pass between three rays that agree, and nothing else may be told wrongly.
@@ -103,18 +104,20 @@ mod tests {
 
     #[test]
     fn of_few_surfels_every_ray_is_traced_and_of_many_the_first_of_each_patch() {
-        let (directions, order) = (directions(), refining_order(PATCHES));
-        let known = |agreed: &Agreed, j| agreed.tells(j, &[0; WORDS]).is_some();
-        let few = Agreed::of(&directions, &order, MANY - 1);
+        let (directions, order) = (directions(), refining_order(STRATA));
+        let known = |inferred_visibility: &InferredVisibility, j| {
+            inferred_visibility.tells(j, &[0; WORDS]).is_some()
+        };
+        let few = InferredVisibility::of(&directions, &order, MANY - 1);
         assert!((0..DIRECTIONS).all(|j| !known(&few, j)));
-        let many = Agreed::of(&directions, &order, MANY);
-        assert!((0..DIRECTIONS).all(|j| known(&many, j) == (j >= PATCHES)));
+        let many = InferredVisibility::of(&directions, &order, MANY);
+        assert!((0..DIRECTIONS).all(|j| known(&many, j) == (j >= STRATA)));
         // Of some patches alone, those whose surroundings are not traced yet.
-        let some = Agreed::of(&directions, &order[..PATCHES / 2], MANY);
-        let told = (PATCHES..DIRECTIONS).filter(|j| known(&some, *j)).count();
-        assert!(told < PATCHES / 2, "{told}");
-        assert_eq!(many.tells(PATCHES, &[u64::MAX; WORDS]), Some(true));
-        assert_eq!(many.tells(PATCHES, &[0; WORDS]), Some(false));
-        assert_eq!(many.tells(PATCHES, &[0x5555_5555_5555_5555; WORDS]), None);
+        let some = InferredVisibility::of(&directions, &order[..STRATA / 2], MANY);
+        let told = (STRATA..DIRECTIONS).filter(|j| known(&some, *j)).count();
+        assert!(told < STRATA / 2, "{told}");
+        assert_eq!(many.tells(STRATA, &[u64::MAX; WORDS]), Some(true));
+        assert_eq!(many.tells(STRATA, &[0; WORDS]), Some(false));
+        assert_eq!(many.tells(STRATA, &[0x5555_5555_5555_5555; WORDS]), None);
     }
 }

@@ -6,7 +6,7 @@ use crate::environment::Shape;
 
 /// Visibility of a light from the surfels of a splat, for an emission of 1.
 #[derive(Debug)]
-pub struct Met {
+pub struct LightVisibility {
     pub shape: Shape,
     /// Irradiance of the front and the back. `[n]`
     pub irradiance: Vec<[f32; 2]>,
@@ -16,11 +16,11 @@ pub struct Met {
 
 /// Cache of the lights' visibility, by the last that were traced.
 #[derive(Debug, Default)]
-pub struct LastMet(Mutex<Vec<Arc<Met>>>);
+pub struct ShadowCache(Mutex<Vec<Arc<LightVisibility>>>);
 
-impl LastMet {
+impl ShadowCache {
     /// All of it.
-    pub fn get(&self) -> Vec<Arc<Met>> {
+    pub fn get(&self) -> Vec<Arc<LightVisibility>> {
         self.0
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -28,7 +28,7 @@ impl LastMet {
     }
 
     /// Forgets that for this.
-    pub fn set(&self, met: Vec<Arc<Met>>) {
+    pub fn set(&self, met: Vec<Arc<LightVisibility>>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = met;
     }
 }

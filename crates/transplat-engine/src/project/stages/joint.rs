@@ -11,17 +11,17 @@ use transplat_core::environment::Illumination;
 use transplat_core::present;
 use transplat_core::scene::{Object, Transform};
 use transplat_core::settings::Method;
-use transplat_core::settings::skips::Skip;
+use transplat_core::settings::optimizations::Optimization;
 use transplat_core::transfer::scene::SceneTransfer;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit, RelitRows};
 use transplat_gpu::live::{Drawing, LiveSh};
 
-use crate::asset::Asset;
 use crate::jobs::{Handle, Kind};
 use crate::language::tr;
-use crate::object::{OrientedLight, RelitKey, SurroundingsKey, TogetherKey};
+use crate::object::{InterObjectKey, JointKey, OrientedLight, RelitKey};
 use crate::project::canvas::Canvas;
 use crate::project::{Change, Project};
+use crate::splat::Splat;
 
 /// Scenes of fewer surfels are traced finely at once.
 const SOON_TRACED: usize = 20_000;
@@ -46,7 +46,7 @@ impl Project {
     }
 
     /// Shown objects where they stand, once they are baked for the directional method.
-    fn placed(&self) -> Option<(SurroundingsKey, Vec<Placed>)> {
+    fn placed(&self) -> Option<(InterObjectKey, Vec<Placed>)> {
         if self.scene.transfer.method != Method::Directional {
             return None;
         }
@@ -71,7 +71,7 @@ impl Project {
     }
 
     /// Traces what the objects see of each other where they stand now, first coarsely; the last answer serves until then.
-    pub(crate) fn start_surroundings(&mut self) {
+    pub(crate) fn start_inter_object(&mut self) {
         let kind = Kind::Surroundings;
         if self.scene.transfer.method != Method::Directional && self.jobs.is_awaited(kind) {
             self.jobs.cancel(kind);
@@ -98,7 +98,7 @@ impl Project {
             self.jobs.cancel(kind);
         }
         // What is known coarsely is shown before it is refined.
-        if is_fine_next && !is_soon_done && !self.is_together_shown() {
+        if is_fine_next && !is_soon_done && !self.is_joint_relight_shown() {
             return;
         }
         self.surroundings.ask(next);
@@ -123,9 +123,9 @@ impl Project {
     }
 
     /// True where the joint relight that is shown is of the current visibility.
-    fn is_together_shown(&self) -> bool {
-        let shown = self.relit_together.current().is_some();
-        let of_now = self.relit_together.made_from();
+    fn is_joint_relight_shown(&self) -> bool {
+        let shown = self.joint_relight.current().is_some();
+        let of_now = self.joint_relight.made_from();
         shown && of_now.is_some_and(|key| key.1 == self.surroundings.version())
     }
 
@@ -210,9 +210,11 @@ impl Project {
 
     /// Surfels of all that is shown that are not drawn, `[n]` or empty: hidden, or too faint to be seen.
     pub fn unseen_surfels(&self) -> Vec<bool> {
-        let skips = &self.scene.transfer.skips;
-        let unseen = |(_, object, asset): (usize, &Object, &Asset)| {
-            let unseen = object.hide.unseen(&asset.cloud, &asset.bounds, skips);
+        let optimizations = &self.scene.transfer.optimizations;
+        let unseen = |(_, object, asset): (usize, &Object, &Splat)| {
+            let unseen = object
+                .hide
+                .unseen(&asset.cloud, &asset.bounds, optimizations);
             (unseen, asset.cloud.len())
         };
         let each: Vec<(Vec<bool>, usize)> = self.shown().map(unseen).collect();
@@ -228,14 +230,14 @@ impl Project {
 
     /// Surfels that an image need not relight, `[n]` or empty.
     pub fn spared_surfels(&self) -> Vec<bool> {
-        match self.scene.transfer.skips.has(Skip::Unseen) {
+        match self.scene.transfer.optimizations.has(Optimization::Unseen) {
             true => self.unseen_surfels(),
             false => Vec::new(),
         }
     }
 
     /// Relights all objects that are known to each other as one scene. The others are relit alone until it is known what they see.
-    pub(crate) fn relight_together(&mut self, canvas: &Canvas) {
+    pub(crate) fn relight_jointly(&mut self, canvas: &Canvas) {
         let shown = self.members();
         let Some((members, scene)) = self.scene_transfer() else {
             // What is taken away leaves its shadow until the rest is traced anew.
@@ -243,23 +245,24 @@ impl Project {
             let waits = traces.any(|kind| self.jobs.is_awaited(kind));
             let stays = |at: &usize| waits && self.together.contains(&self.states[*at].id);
             let stay = shown.into_iter().filter(stays).collect::<Vec<_>>();
-            self.keep_together(&stay);
+            self.keep_joint(&stay);
             return;
         };
-        self.keep_together(&members);
+        self.keep_joint(&members);
         let each = || members.iter().map(|at| &self.states[*at]);
         let [_, target] = self.oriented_of(members[0]);
         let part = self.scene.view.part();
         // Readout and doubts are of the whole.
-        let wants_whole = part != Part::Whole && (self.requested.readout || self.shows_doubts());
-        let key: TogetherKey = (
+        let wants_whole =
+            part != Part::Whole && (self.requested.readout || self.shows_confidence());
+        let key: JointKey = (
             each().map(|s| s.prepared.version()).collect(),
             self.scene_version(),
             target,
             (part, wants_whole),
             each().map(|s| s.hidden.version()).collect(),
         );
-        if self.jobs.is_running(Kind::RelightTogether) || !self.relit_together.ask(&key) {
+        if self.jobs.is_running(Kind::RelightScene) || !self.joint_relight.ask(&key) {
             return;
         }
         let (target, turn) = self.scene_target(members[0]);
@@ -303,11 +306,11 @@ impl Project {
         };
         let label = tr("relighting the scene");
         self.start(
-            Kind::RelightTogether,
+            Kind::RelightScene,
             label,
             work,
             move |project, (shown, whole, ms)| {
-                if project.relit_together.accept(key, ()) {
+                if project.joint_relight.accept(key, ()) {
                     let mut whole = whole.into_iter();
                     for (of, shown) in of.into_iter().zip(shown) {
                         project.show_member(of, shown, whole.next(), ms);
@@ -318,7 +321,7 @@ impl Project {
     }
 
     /// Notes which objects are relit together. What the last relight of others left is dropped: alone, each is relit anew.
-    fn keep_together(&mut self, members: &[usize]) {
+    fn keep_joint(&mut self, members: &[usize]) {
         let ids: Vec<u64> = members.iter().map(|at| self.states[*at].id).collect();
         for id in std::mem::replace(&mut self.together, ids) {
             if let Some(at) = self.at(id).filter(|at| !members.contains(at)) {
@@ -326,7 +329,7 @@ impl Project {
                 state.relit.clear();
                 // The window's device has only what was relit together.
                 state.prepared.ask_again();
-                self.relit_together.ask_again();
+                self.joint_relight.ask_again();
             }
         }
     }

@@ -8,13 +8,13 @@ use glam::{DVec3, Vec3};
 use crate::sh::fibonacci_sphere;
 
 /// Patches of the sphere.
-pub const PATCHES: usize = 128;
+pub const STRATA: usize = 128;
 
 /// Directions in a patch, around its middle. The first one knows which surfel its ray meets; light that bounces is smoother than light.
-pub const PER_PATCH: usize = 3;
+pub const PER_STRATUM: usize = 3;
 
 /// Directions that are traced.
-pub const DIRECTIONS: usize = PER_PATCH * PATCHES;
+pub const DIRECTIONS: usize = PER_STRATUM * STRATA;
 
 /// Words of 64 directions.
 pub const WORDS: usize = DIRECTIONS / 64;
@@ -22,13 +22,14 @@ pub const WORDS: usize = DIRECTIONS / 64;
 /// Angle between a patch's middle and its directions in degrees: that which spaces them most evenly.
 const SPREAD: f64 = 5.5;
 
-/// The directions, the first ones of all patches before the second ones. `[PER_PATCH][PATCHES]`
+/// The directions, the first ones of all patches before the second ones. `[PER_STRATUM][STRATA]`
 pub fn directions() -> Vec<Vec3> {
-    let middles = fibonacci_sphere(PATCHES);
-    let around = |place: usize, patch: usize, middle: DVec3| {
+    let middles = fibonacci_sphere(STRATA);
+    let around = |place: usize, stratum: usize, middle: DVec3| {
         let east = DVec3::Z.cross(middle).normalize();
         // Neighbours are turned against each other.
-        let turn = PI * (2.0 * place as f64 / PER_PATCH as f64 + patch as f64 / PER_PATCH as f64);
+        let turn =
+            PI * (2.0 * place as f64 / PER_STRATUM as f64 + stratum as f64 / PER_STRATUM as f64);
         let aside = turn.cos() * east + turn.sin() * middle.cross(east);
         let spread = SPREAD.to_radians();
         (middle * spread.cos() + aside * spread.sin()).as_vec3()
@@ -36,9 +37,9 @@ pub fn directions() -> Vec<Vec3> {
     (0..DIRECTIONS)
         .map(|j| {
             around(
-                j / PATCHES,
-                j % PATCHES,
-                DVec3::from_array(middles[j % PATCHES]),
+                j / STRATA,
+                j % STRATA,
+                DVec3::from_array(middles[j % STRATA]),
             )
         })
         .collect()
@@ -47,7 +48,7 @@ pub fn directions() -> Vec<Vec3> {
 /// Bits of a [`Hit`] that name its surfel, and those above them that name its patch.
 pub const SURFEL_BITS: u32 = 24;
 /// Bits of a patch. See [`SURFEL_BITS`].
-pub const PATCH_BITS: u32 = 7;
+pub const STRATUM_BITS: u32 = 7;
 
 /// The largest asset whose surfels a [`Hit`] can name.
 pub const MOST_SURFELS: usize = 1 << SURFEL_BITS;
@@ -58,10 +59,10 @@ pub const MOST_SURFELS: usize = 1 << SURFEL_BITS;
 pub struct Hit(pub u32);
 
 impl Hit {
-    const BACK: u32 = 1 << (SURFEL_BITS + PATCH_BITS);
+    const BACK: u32 = 1 << (SURFEL_BITS + STRATUM_BITS);
 
-    pub(super) fn new(patch: usize, surfel: u32) -> Self {
-        Self((patch as u32) << SURFEL_BITS | surfel)
+    pub(super) fn new(stratum: usize, surfel: u32) -> Self {
+        Self((stratum as u32) << SURFEL_BITS | surfel)
     }
 
     /// The surfel that is met.
@@ -72,8 +73,8 @@ impl Hit {
 
     /// The patch whose first direction it is.
     #[inline(always)]
-    pub fn patch(self) -> usize {
-        (self.0 >> SURFEL_BITS & ((1 << PATCH_BITS) - 1)) as usize
+    pub fn stratum(self) -> usize {
+        (self.0 >> SURFEL_BITS & ((1 << STRATUM_BITS) - 1)) as usize
     }
 
     /// True where the surfel is hit on its back.
@@ -115,11 +116,12 @@ impl Found {
     }
 
     /// Adds what the rays of a patch found: which of its directions are open, and the surfel that is met in the first one, if any is.
-    pub fn add(&mut self, patch: usize, met: Option<u32>, open: [bool; PER_PATCH]) {
+    pub fn add(&mut self, stratum: usize, met: Option<u32>, open: [bool; PER_STRATUM]) {
         for (place, open) in open.into_iter().enumerate() {
-            self.set_open(place * PATCHES + patch, open);
+            self.set_open(place * STRATA + stratum, open);
         }
-        self.hits.extend(met.map(|surfel| Hit::new(patch, surfel)));
+        self.hits
+            .extend(met.map(|surfel| Hit::new(stratum, surfel)));
     }
 
     pub(super) fn set_open(&mut self, j: usize, open: bool) {
