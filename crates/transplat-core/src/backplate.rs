@@ -1,5 +1,5 @@
-//! A plate: a photograph behind the objects, taken by the camera that they are seen by. It is framed by its shorter edge, as the camera's field
-//! of view is, and shown as it is: exposure and tone curve are of what is put before it.
+//! Backplate: a photograph behind the objects, by the camera that they are seen by. It is framed by its shorter edge, as the camera's field of view
+//! is.
 
 use rayon::prelude::*;
 

@@ -1,4 +1,4 @@
-//! Stage *bake*: what blocks the light, of the geometry alone; for each method in a form of its own.
+//! Stage *bake*: visibility from the geometry alone, in a form for each method.
 
 pub mod directional;
 pub mod directional_visibility;

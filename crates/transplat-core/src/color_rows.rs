@@ -1,4 +1,4 @@
-//! Rows of colours: of very many in sixteen bits a number, half of what they would take.
+//! Rows of colours, in sixteen bits a number where there are very many.
 
 use std::borrow::Cow;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! Where the object is in a capture that holds its surroundings, too: what was photographed from all around is densest there.
+//! Crop box of the object in a capture of its surroundings: what was photographed from all around is densest there.
 
 use glam::{Mat3, Vec3};
 

@@ -1,4 +1,4 @@
-//! What is made of something else, and made again when that has changed: a stage of a pipeline.
+//! Stage of a pipeline: a value with the key that it was made from, made again when that changes.
 
 /// A value, what it was made from, and what it was last asked to be made from.
 ///

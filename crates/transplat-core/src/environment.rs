@@ -1,4 +1,4 @@
-//! Stage *project environment*: a light as an equirectangular map, as SH coefficients of its incident radiance, and as beams.
+//! Stage *project environment*: a light as equirectangular map, as SH coefficients of its incident radiance, and as light samples.
 
 mod emitter;
 mod illumination;

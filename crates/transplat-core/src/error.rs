@@ -1,4 +1,4 @@
-//! What can go wrong with a file or a request, told so that the reader knows what to do next.
+//! Errors of files and requests, with what to do next.
 
 use std::path::{Path, PathBuf};
 

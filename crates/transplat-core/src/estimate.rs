@@ -1,4 +1,4 @@
-//! Stage *estimate light*: the light that an asset was captured under, from the asset alone. `docs/method.md` derives it.
+//! Stage *estimate*: the capture light from the splat alone. `docs/method.md` derives it.
 //!
 //! Neighbours tend to be of the same stuff, and what they differ in is the light on them. The light is the one under which the albedos of
 //! neighbours are most alike. Its logarithm is an SH series, so it is never negative, and the more even light is the more probable

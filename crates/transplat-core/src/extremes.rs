@@ -1,4 +1,4 @@
-//! Stiff and extreme cases: what is asked of the transfer in each, how far f32 is from f64 there, and how ill-conditioned it is.
+//! Stiff and extreme cases: properties that the transfer must keep, f32 error against f64, and condition numbers.
 //!
 //! The same battery serves the tests and `transplat report`: another way to relight (the GPU's) is held against it too.
 

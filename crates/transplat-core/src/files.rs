@@ -1,4 +1,4 @@
-//! Files in and out. A file is known by what it begins with, never by its name, and nothing is allocated by a number that a file only claims.
+//! Files in and out. A file is recognized by its first bytes, never by its name, and no memory is allocated by a number that a file only claims.
 
 mod asset;
 mod bake;

@@ -1,4 +1,4 @@
-//! The shadow catcher: a ground plane under the object, darkened by the object's own visibility under a light.
+//! Shadow catcher: a ground plane under the objects, darkened by their visibility under a light.
 
 use glam::Vec3;
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! Images as they are read from files, whatever they are for.
+//! Images in memory, their layout and provenance.
 
 use serde::{Deserialize, Serialize};
 

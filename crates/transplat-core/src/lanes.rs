@@ -1,4 +1,4 @@
-//! Many surfels or pixels at once, as structure of arrays: code in it is compiled for several instruction sets.
+//! SIMD lanes: many surfels or pixels at once as structure of arrays, compiled for several instruction sets.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 

@@ -1,4 +1,4 @@
-//! Relighting of 2D Gaussian surfels by spherical-harmonic radiance transfer: the mathematics and the files, without GPU or window.
+//! Relighting of Gaussian splats by radiance transfer on the CPU, splat and image files: without GPU or window.
 //!
 //! The folders are the pipeline, and one stage has one name everywhere:
 //!

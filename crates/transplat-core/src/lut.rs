@@ -1,4 +1,4 @@
-//! A look-up table of colours, as colourists hand on the grade of a film: display-encoded colour in, display-encoded colour out.
+//! LUT: display-encoded colour in, display-encoded colour out.
 
 /// A table over a part of the line of each channel, or over the cube of all three.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! Whether there is memory for a large asset, asked before it is taken: a program that is ended for want of it loses its user's work.
+//! Check for memory before a large splat takes it: a program that is killed for want of it loses its user's work.
 
 use sysinfo::{MemoryRefreshKind, System};
 

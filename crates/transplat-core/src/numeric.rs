@@ -1,4 +1,4 @@
-//! Functions of numbers.
+//! Quantiles and other functions of numbers.
 
 /// `0` below `low`, `1` above `high`, and smooth between.
 pub(crate) fn smoothstep(low: f32, high: f32, x: f32) -> f32 {

@@ -1,5 +1,4 @@
-//! The same mathematics in plain f64, one surfel at a time, as the formulas read: slow, and obviously right.
-//! Production code and the GPU passes are held against it.
+//! Oracle: the same mathematics in plain f64, one surfel at a time, as the formulas read. Production code and the GPU passes are tested against it.
 
 mod directional;
 mod estimate;

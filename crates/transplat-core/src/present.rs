@@ -1,4 +1,4 @@
-//! Stage *present*: from pictures of surfels to the picture that is shown or saved.
+//! Stage *present*: from images of surfels to the image that is shown or saved: views, channels, background, tone mapping.
 
 use glam::Vec3;
 use rayon::prelude::*;

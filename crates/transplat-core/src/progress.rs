@@ -1,4 +1,4 @@
-//! How far a long stage is, and whether it is to go on.
+//! Progress of a long stage, and its cancellation.
 
 use std::ops::ControlFlow;
 

@@ -1,4 +1,4 @@
-//! A scene: objects, what each was captured under, what they are relit by, and how that is shown. Plain data; its file form is a look.
+//! Scene: objects with their capture lights, the target light, placed lights, camera and presentation. Plain data; its file form is a look.
 
 mod animation;
 mod cut;

@@ -1,4 +1,4 @@
-//! What the transfer can be asked for: one plain struct for command line, viewer, report and saved looks.
+//! Settings of the transfer: one plain struct for command line, viewer, report and looks.
 
 mod method;
 pub mod optimizations;

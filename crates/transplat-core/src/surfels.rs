@@ -1,4 +1,4 @@
-//! The asset: Gaussians, flat or not, with view-dependent colour.
+//! Splat in memory: Gaussians, flat or not, with view-dependent colour.
 
 use std::sync::Arc;
 

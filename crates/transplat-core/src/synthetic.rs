@@ -1,4 +1,4 @@
-//! Small scenes whose answers are known on paper, for tests here and in other crates.
+//! Synthetic scenes with known answers, for tests here and in other crates.
 
 use glam::{Affine3A, DMat3, DQuat, Vec2, Vec3};
 

@@ -1,4 +1,4 @@
-//! Stage *transfer*: from the asset's colour under the source light to its colour under the target light, by one of two methods.
+//! Stage *transfer*: from a splat's colour under the source light to its colour under the target light, by one of two methods.
 //!
 //! [`harmonic`] is the paper's transfer by products of SH series, [`directional`] sums over directions. Both prepare all that does not change with
 //! the target once.

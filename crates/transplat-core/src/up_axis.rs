@@ -1,5 +1,4 @@
-//! Which way up a capture stands: told by its cameras, by the ground in it, or else by how it stands, by the light on it, and by what its kind of
-//! file mostly has.
+//! Up-axis estimation of a capture: by its cameras, by the ground in it, by its stance and the light on it, or by what its kind of file mostly has.
 
 use glam::{DMat4, DVec3, DVec4, Vec3};
 

@@ -1,4 +1,4 @@
-//! The device that stages compute on, and how long work takes that is submitted to a GPU.
+//! Device of the stages beside a window's, and timing of GPU work.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};

@@ -1,5 +1,4 @@
-//! Stage *bake* on either device: from start to end, or as the window wants it: from a file where there is one, else direction by direction,
-//! usable from the first ones on.
+//! Bakes of a splat: read from a file where there is one, else made whole, or in stages that a window shows.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

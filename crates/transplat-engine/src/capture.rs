@@ -1,4 +1,4 @@
-//! What open objects are cut out of.
+//! Captures that open objects are cut out of.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,4 +1,4 @@
-//! An asset without its light.
+//! A splat without its light.
 
 use std::ops::RangeInclusive;
 use std::path::Path;

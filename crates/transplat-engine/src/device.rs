@@ -1,4 +1,4 @@
-//! Where the stages run: the CPU, or a GPU with the same results.
+//! CPU-or-GPU decision: the chosen device, with the same results on both.
 
 use std::path::PathBuf;
 use std::sync::Arc;

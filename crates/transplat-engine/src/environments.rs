@@ -1,4 +1,4 @@
-//! Environments as the window keeps them: their light, a small map for thumbnails and probes, and the whole map only while it is seen.
+//! Environments in memory: their light, a small map for thumbnails and probes, and the full map only while it is visible.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Stage *estimate*: the light of the capture as the object tells it, kept beside its bake.
+//! Estimated capture light: made, saved beside the bake, and described in words.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Work off the interface's thread, with progress and cancel.
+//! Background jobs, with progress and cancel.
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;

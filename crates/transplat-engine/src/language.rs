@@ -1,4 +1,4 @@
-//! The window's words in the language of whoever reads them.
+//! Translations of the window's texts.
 //!
 //! What is written in the code is English, and the key of its translation; where there is none, the English stands. The file of a language is
 //! one of gettext (`.po`), so that its tools serve; `assets/languages/transplat.pot` has all texts, collected from the code by a test. What

@@ -1,4 +1,4 @@
-//! A picture in layers, for a compositor: what was put into a scene alone, what that does to the scene, and where everything is.
+//! Layers of an image for a compositor: what was put into a scene alone, what that does to the scene, and where everything is.
 //!
 //! A photograph times `shadow`, with the objects' layers over it, is the photograph with the objects in it. The layers of the objects are held
 //! out by what stands before them: where several meet in a pixel they are added, and their sum is what goes over.

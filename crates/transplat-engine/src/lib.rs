@@ -1,4 +1,4 @@
-//! The engine: what the window and the commands ask for work. It knows neither a window nor a command line.
+//! The engine: scene, stages, jobs and images, for the window and the commands. It knows neither a window nor a command line.
 
 pub mod adapter;
 pub mod bake;

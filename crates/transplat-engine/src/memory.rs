@@ -1,4 +1,5 @@
-//! Free memory goes back to the system. glibc keeps it, in an arena for each thread that ever asked: every job brings a pool of new ones.
+//! Memory trimming: free memory goes back to the system. glibc keeps it, in an arena for each thread that ever asked, and every job brings a pool of
+//! new ones.
 
 /// As many arenas as there are cores, instead of eight times as many: to be said before there are threads.
 #[allow(unsafe_code)]

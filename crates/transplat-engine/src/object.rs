@@ -1,4 +1,4 @@
-//! An object of the scene as it is open: its splat, and what each stage has made of it.
+//! State of an object: its splat, the results of each stage, and their keys.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};

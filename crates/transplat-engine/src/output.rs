@@ -1,4 +1,4 @@
-//! Files that images go into: one each, or a video of all.
+//! Image files: formats, numbered frames, videos, and free names.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! A scene as it is open, and all that is made of it: the stages, their jobs, and what they yield.
+//! Project: an open scene, its stages, their jobs, and their results.
 
 mod cameras;
 pub mod canvas;

@@ -1,4 +1,4 @@
-//! One picture of the asset, as a look asks for it: what `render` writes and what the viewer saves go through here.
+//! Rendering of one image: surfels, ground, background, lens and grading.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! A project as its pictures show it: the studio that takes them, the lights in it, and what is around the objects.
+//! Shots of a project: the lit scene and its studio, for files, frames and layers.
 
 use std::path::PathBuf;
 use std::sync::Arc;

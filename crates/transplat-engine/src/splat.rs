@@ -1,4 +1,4 @@
-//! An asset as it is open, and with which settings it is opened.
+//! Splat of an open object, and the settings that it is opened with.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};

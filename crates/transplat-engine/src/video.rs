@@ -1,4 +1,4 @@
-//! Pictures as a film, by the program `ffmpeg` where that is installed.
+//! Video encoding, by the program `ffmpeg` where that is installed.
 
 use std::fs::File;
 use std::io::{Read as _, Write as _};

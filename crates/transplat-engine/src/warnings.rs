@@ -1,4 +1,4 @@
-//! What is odd about what was loaded or made, for the user.
+//! Warnings of files and results, for the user.
 
 use std::path::Path;
 

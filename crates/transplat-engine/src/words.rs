@@ -1,4 +1,4 @@
-//! Numbers for people.
+//! Errors and numbers in words.
 
 /// A share, 0 to 1, for people.
 pub fn percent(share: f64) -> String {

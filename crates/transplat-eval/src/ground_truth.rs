@@ -1,5 +1,4 @@
-//! Pictures that are known to be true, to measure a relight against: a folder of objects, each with its asset, cameras, and pictures under
-//! several lights.
+//! Path-traced truth to measure a relight against: a folder of objects, each with its splat, cameras and true images.
 //!
 //! `MANIFEST.json` names the objects of each set (`sets.<set>.objects.<object>`): `source_env`, `targets`, and optionally `source_ply`
 //! (`source.ply`) and `gt_of`, another object whose cameras and pictures serve. Lights are `envs/<light>.hdr` or `.exr`, cameras

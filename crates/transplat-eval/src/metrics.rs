@@ -1,4 +1,4 @@
-//! How alike two pictures are.
+//! Image metrics: PSNR, SSIM, perceptual difference.
 
 use anyhow::{Result, bail};
 use fast_ssim2::{PixelDescriptor, PixelSlice, compute_ssimulacra2};

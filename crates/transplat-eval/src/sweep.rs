@@ -1,4 +1,4 @@
-//! What settings cost and what they are worth: for each of them how long its stage takes on an asset, and how far the result is off.
+//! Sweep over settings: run time of each stage, and error of the result.
 //!
 //! Two errors, never mixed. *Numerical*: against the f64 oracle of the same mathematics with everything at its best, on a thinned asset, since
 //! the oracle asks every surfel about every other. *Model*: against path-traced truth, where there is any, on the whole asset.

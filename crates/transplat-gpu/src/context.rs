@@ -1,4 +1,4 @@
-//! The adapter, its limits, and what every pass does with it: pipelines, buffers, submission, readback, errors.
+//! GPU context: adapter, limits, pipelines, buffers, submission, readback, errors.
 
 mod kept;
 mod pass;

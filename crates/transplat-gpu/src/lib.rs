@@ -1,4 +1,4 @@
-//! The stages of transplat on wgpu, one pass a file, each with its CPU twin of the same name in `transplat_core`.
+//! The stages on wgpu, one pass a file, each with its CPU twin of the same name in `transplat_core`.
 //!
 //! No pass depends on the size of a subgroup or waits across workgroups, and long loops are split over dispatches.
 //! Assets are worked on in chunks of [`CHUNK`] surfels, so that no binding outgrows what every adapter offers.

@@ -1,4 +1,4 @@
-//! The stages from the transfer on, kept on the GPU and run only where something changed: what a window shows.
+//! Live stages: from the transfer on, kept on the GPU and run only where something changed.
 //!
 //! Each stage remembers what it last ran with. A frame asks for a picture; a stage whose inputs are the same as last time is left out,
 //! and [`Passes`] counts those that ran.

@@ -1,4 +1,4 @@
-//! WGSL put together: the files of `shaders/`, with what depends on constants and degrees written in front of them.
+//! WGSL modules: the files of `shaders/`, with constants and generated code written in front of them.
 
 mod files;
 mod generated;

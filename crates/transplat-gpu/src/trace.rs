@@ -1,4 +1,4 @@
-//! An asset's discs in their boxes on the GPU, for `shared/trace.wgsl`.
+//! BVH of a splat's discs on the GPU, for `shared/trace.wgsl`.
 
 use transplat_core::bake::trace::{BoxInOrder, Tracer};
 use wgpu::BufferUsages;

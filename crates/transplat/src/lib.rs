@@ -1,4 +1,4 @@
-//! The program `transplat`: its commands and its viewer. The mathematics is in `transplat_core`, its GPU passes in `transplat_gpu`.
+//! The program `transplat`: its commands and its window, both clients of `transplat_engine`.
 
 mod cli;
 mod commands;

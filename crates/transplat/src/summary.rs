@@ -1,4 +1,4 @@
-//! What a command tells: stages with their times, what was left out, warnings; as text or as one JSON object.
+//! Summary of a command: stages with their times, skipped work, warnings; as text or as one JSON object.
 
 use std::io::Write;
 use std::time::Instant;

@@ -1,4 +1,4 @@
-//! The viewer: live relighting in a window.
+//! The window: live relighting.
 
 mod actions;
 mod annotations;

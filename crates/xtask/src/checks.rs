@@ -1,4 +1,4 @@
-//! Everything that must hold before a change lands.
+//! Checks that must pass before a change lands.
 
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;

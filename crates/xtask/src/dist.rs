@@ -1,4 +1,4 @@
-//! What is given to those who do not build: a package for Debian, and an archive for any other Linux.
+//! Packages: a `.deb` for Debian, and an archive for any other Linux.
 
 use std::collections::BTreeMap;
 use std::fs;

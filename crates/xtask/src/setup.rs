@@ -1,4 +1,4 @@
-//! What the program needs of the system, and how it is installed.
+//! System libraries that the program needs, and their installation.
 
 use std::path::Path;
 use std::process::Command;

@@ -1,5 +1,6 @@
 //! The order of the workspace: which crate and module may use which, and counts that may only fall.
 
+mod page;
 mod ratchets;
 mod sources;
 

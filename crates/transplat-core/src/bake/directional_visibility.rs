@@ -1,4 +1,4 @@
-//! What each surfel sees in each direction: open sky, or another surfel.
+//! Directional visibility: what each surfel sees in each direction, open sky or another surfel.
 
 use std::sync::Arc;
 

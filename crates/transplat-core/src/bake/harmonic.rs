@@ -1,4 +1,5 @@
-//! The bake of the harmonic method (paper 3.2): how open each surfel is towards each of N directions, and which way its normal points.
+//! Bake of the harmonic method (paper 3.2): openness of each surfel towards N directions by exponential shadow maps (ESM), and the sign of its
+//! normal.
 //!
 //! For every direction an orthographic map of the object's heights towards it is drawn; each surfel compares its own height with
 //! eight taps of the map, softened exponentially (exponential shadow maps, Annen et al. 2008). Geometry only: no light is needed.

@@ -1,4 +1,4 @@
-//! A hierarchy of boxes, eight side by side: a ray is held against all eight at once, and against all that is in a leaf.
+//! BVH of eight-wide nodes: a ray is tested against eight boxes at once, and against all that is in a leaf.
 //!
 //! Each ray walks by itself. Those of neighbours in one direction part soon: of sixteen that walked together two were left in a leaf.
 

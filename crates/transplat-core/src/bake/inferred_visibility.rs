@@ -1,4 +1,4 @@
-//! Directions that others tell of: where the nearest rays all leave, or are all blocked, one is taken for open, or blocked, too.
+//! Inferred visibility: where the nearest rays agree, a direction takes their answer without a ray.
 
 use glam::Vec3;
 

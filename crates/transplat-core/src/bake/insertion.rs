@@ -1,5 +1,4 @@
-//! What blocks the light of objects put into a scene as the paper does it (section 4.2): each by itself, and for its shadow on the scene the
-//! surfels around it as if they were its own.
+//! Visibility of objects put into a scene as the paper does it (section 4.2): each by itself, and its shadow on the scene around.
 
 use std::sync::Arc;
 

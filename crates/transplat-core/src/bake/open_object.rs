@@ -1,4 +1,4 @@
-//! Convex objects, and all others that block no light of their own: they need no bake.
+//! Convex and other open objects: they block no light of their own and need no bake.
 //!
 //! Some directions are asked, in turn, and it ends at the first ray that tells otherwise. That is soon where something blocks.
 

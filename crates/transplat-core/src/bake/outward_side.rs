@@ -1,4 +1,4 @@
-//! Which side of a surfel is its front, and which way the surface faces there: trained normals have no sign, and are noisy.
+//! Normal orientation: the outward side of a surfel, and its smoothed normal. Trained normals have no sign, and are noisy.
 //!
 //! Three things tell the front. *What is seen*: the side from which more of the surfel is seen through what lies around it. *What was
 //! photographed*: a trained colour varies with the view where there were cameras, and is smooth where there were none; how much that tells

@@ -1,4 +1,4 @@
-//! An asset in units of its own size, as all bakes take it.
+//! A splat in units of its own size, as all bakes take it.
 
 use glam::Vec3;
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! Several objects, each with a bake of its own, and what they see of each other.
+//! Bake of several objects: one bake each, and their inter-object visibility.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The directions that rays are traced in, and what the rays of one surfel found.
+//! Ray directions in strata, and the hits of one surfel's rays.
 
 use std::f64::consts::PI;
 

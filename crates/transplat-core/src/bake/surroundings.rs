@@ -1,4 +1,4 @@
-//! What the surfels of an object see among other objects: what its own bake says, and the others where they are met first.
+//! Inter-object visibility: an object's own bake, with the other objects where rays hit them first.
 //!
 //! The directions are those of the object's own bake, so that where nothing stands in the way the light is the same to the bit: a ratio of
 //! the two tells what the others change, and nothing else.

@@ -1,4 +1,4 @@
-//! Rays against the discs of an asset: which surfel a ray from a surfel towards a direction meets first.
+//! Ray tracing against surfel discs: first hits from a surfel towards a direction, and shadow rays.
 //!
 //! What a ray meets close to its start may be the surface that it leaves. Trained surfaces are stacks of translucent surfels: a ray crosses
 //! the members above its own from behind, and what else shines on the surface it would meet on its front. So a crossing from behind counts

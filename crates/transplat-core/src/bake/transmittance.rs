@@ -1,4 +1,4 @@
-//! How much of a surfel is seen from a direction: what the surfels between let through, as the camera sees them, translucent and soft.
+//! Transmittance between a surfel and a direction through translucent layers, as a camera sees them.
 
 use std::ops::{Mul, Range, Sub};
 use std::sync::OnceLock;

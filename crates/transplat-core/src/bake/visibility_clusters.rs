@@ -1,4 +1,4 @@
-//! Surfels that see nearly the same share what one of them sees: what many surfels cost grows with what there is to tell apart, not with them.
+//! Visibility clusters: surfels with nearly equal visibility share the rays of one, so that cost grows with detail and not with their number.
 //!
 //! Those that lie together and face one way are asked in some directions; those that see the same there, but for a little, follow the first of
 //! them, which leads. So there are few leaders where a surface is open and plain, and many in its folds.

@@ -1,4 +1,4 @@
-//! Lights at a finite distance, or with an extent: what they would shine on a surface if nothing stood between.
+//! Near and area lights: their unshadowed irradiance on a surface.
 
 use std::f64::consts::PI;
 

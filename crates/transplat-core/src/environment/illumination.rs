@@ -1,4 +1,4 @@
-//! A light in the forms in which the methods need it.
+//! A light in the forms that the methods need.
 
 use std::borrow::Cow;
 

@@ -1,4 +1,4 @@
-//! A light as beams: compact bright sources one by one, and the rest of the map in cells.
+//! Sampled environment: suns as delta lights, and the rest of the map in stratified cells.
 //!
 //! A sun is a few pixels wide and holds up to half of all light: its shadow is crisp, and no sum over a lattice of directions can show
 //! that. So it is taken out of the map and kept with its exact direction. What is left is smooth enough for the lattice.

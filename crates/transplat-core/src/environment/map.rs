@@ -1,4 +1,4 @@
-//! A light as an equirectangular map.
+//! Environment map in equirectangular layout.
 
 use std::f64::consts::PI;
 

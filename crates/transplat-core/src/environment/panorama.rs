@@ -1,4 +1,4 @@
-//! Lights put into a map, as they are seen from a place, for programs that know environments alone; and suns taken out of one.
+//! Placed lights drawn into an environment map as seen from a place, and suns extracted from one.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;

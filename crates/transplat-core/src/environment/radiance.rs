@@ -1,4 +1,4 @@
-//! A light as SH coefficients of its incident radiance.
+//! Incident radiance of a light as SH coefficients.
 
 use std::f64::consts::PI;
 

@@ -1,4 +1,4 @@
-//! Pictures that lay out what is all around as an unfolded cube or a disc, read as panoramas.
+//! Cube crosses, mirror balls and angular maps, unfolded into panoramas.
 
 use std::f64::consts::PI;
 

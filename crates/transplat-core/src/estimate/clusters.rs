@@ -1,4 +1,4 @@
-//! Surfels that lie together and face one way, averaged: single ones are too noisy.
+//! Clusters of surfels that lie together and face one way: single surfels are too noisy.
 
 use std::collections::HashMap;
 

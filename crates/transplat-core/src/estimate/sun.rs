@@ -1,4 +1,4 @@
-//! A sun in the estimated light: a sky alone cannot cast crisp shadows.
+//! Sun estimate: a sky alone cannot cast crisp shadows.
 
 use glam::Vec3;
 

@@ -1,4 +1,4 @@
-//! What an extreme case is, and how it is tried.
+//! Extreme case: its inputs, and how it is tried.
 
 use std::cell::RefCell;
 

@@ -1,4 +1,4 @@
-//! The battery.
+//! The extreme cases.
 
 use glam::{DVec3, Vec2, Vec3};
 

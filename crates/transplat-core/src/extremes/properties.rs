@@ -1,4 +1,4 @@
-//! What must always hold, over random assets, lights and settings.
+//! Invariants over random splats, lights and settings.
 
 use glam::{DMat3, DVec3, Vec2, Vec3};
 use proptest::prelude::*;

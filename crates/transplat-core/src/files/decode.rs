@@ -1,5 +1,4 @@
-//! The one door to third-party decoders: whatever a file holds, a decoder that panics is an error here, and none takes more memory than its
-//! caller allows. No other module of `files` calls one (`tests/architecture` holds that).
+//! Guarded calls of third-party decoders: one that panics is an error, and none takes more memory than its file may need.
 
 mod guard;
 mod json;

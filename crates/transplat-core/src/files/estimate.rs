@@ -1,4 +1,4 @@
-//! What an asset told of its light, kept beside its bake: JSON.
+//! Estimated capture light, saved beside the bake as JSON.
 
 use std::path::Path;
 

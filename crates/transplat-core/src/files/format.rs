@@ -1,4 +1,4 @@
-//! The formats of splats.
+//! Formats of splats, and their losses.
 
 use std::io::{Seek, Write};
 use std::path::Path;

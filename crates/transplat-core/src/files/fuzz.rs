@@ -1,4 +1,4 @@
-//! Every loader against files that somebody broke: whatever the bytes are, a file is loaded or refused, and what was loaded can be used.
+//! Fuzzing of every loader: whatever the bytes are, a file is loaded or refused, and what was loaded can be used.
 //!
 //! `FUZZ_CASES` says how many broken files each loader gets.
 

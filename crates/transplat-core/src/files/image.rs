@@ -1,4 +1,4 @@
-//! Images in: Radiance, OpenEXR, PNG and JPEG, whatever they are for. What makes a light of one is [`EnvironmentMap`]'s.
+//! Image loader: Radiance, OpenEXR, PNG and JPEG, whatever they are for. [`EnvironmentMap`] makes a light of one.
 
 pub(super) mod exr;
 mod hdr;

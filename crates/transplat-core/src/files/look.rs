@@ -1,5 +1,4 @@
-//! A look: a scene as it is saved, in readable JSON. What belongs to the one object that stands where it was captured lies beside what belongs
-//! to the scene; objects that are several, or stand elsewhere, are listed. The environment is called the target.
+//! Look: a scene saved as readable JSON. Settings of a single object that stands where it was captured lie at the top level, beside the scene's.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

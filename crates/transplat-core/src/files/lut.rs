@@ -1,5 +1,4 @@
-//! Look-up tables of colours: `.cube` files (Adobe, Cube LUT Specification 1.0, 2013), with the two ranges and the curves before a cube that
-//! DaVinci Resolve writes.
+//! LUT files: `.cube` (Adobe, Cube LUT Specification 1.0, 2013), with the two ranges and the shaper curves before a cube.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Numbers in few bits, as packed splats hold them.
+//! Numbers in few bits, as packed splats store them.
 
 use std::f32::consts::{FRAC_1_SQRT_2, SQRT_2};
 

@@ -1,4 +1,4 @@
-//! What all readers share.
+//! Helpers that all readers share.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek, SeekFrom};

@@ -1,4 +1,4 @@
-//! From the rows of a splat, as trainers store them, to surfels.
+//! Builder of surfels from the rows that trainers store.
 
 use glam::{DVec3, Mat3, Quat, Vec2, Vec3};
 use rayon::prelude::*;

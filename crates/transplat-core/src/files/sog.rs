@@ -1,5 +1,4 @@
-//! Splats in SOG (PlayCanvas), versions 1 and 2: pictures without loss whose pixels are Gaussians, and `meta.json` that says what their values
-//! stand for; in a folder, or bundled in a zip archive.
+//! Splats in SOG (PlayCanvas), versions 1 and 2: lossless images whose pixels are Gaussians, and `meta.json` with their encoding.
 
 mod codebook;
 pub(super) mod layout;

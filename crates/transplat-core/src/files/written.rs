@@ -1,4 +1,4 @@
-//! A splat as formats write it: Gaussian by Gaussian, in the order that its file had.
+//! A splat in the order and form that writers need: Gaussian by Gaussian.
 
 use std::io::Write;
 

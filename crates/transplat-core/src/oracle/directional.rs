@@ -1,5 +1,4 @@
-//! The directional method in f64, in the world's frame and without any of production's short cuts: no matrices, no mirrored frames, neighbours
-//! and suns' shadows by asking every surfel.
+//! The directional method in f64, in the world's frame and without any of production's shortcuts.
 
 mod relight;
 

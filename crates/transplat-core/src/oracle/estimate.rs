@@ -1,4 +1,4 @@
-//! The estimate of a light, plainly: derivatives by differences, a pair at a time.
+//! Light estimate in f64: derivatives by differences, a pair at a time.
 
 use std::f64::consts::PI;
 

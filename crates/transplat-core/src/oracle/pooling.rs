@@ -1,4 +1,4 @@
-//! What the oracles take from a surfel's neighbours, and how they fade.
+//! Pooling of a surfel's neighbours in f64.
 
 /// Means over what is around each surfel.
 pub(super) fn pooled<const N: usize>(

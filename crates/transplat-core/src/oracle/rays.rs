@@ -1,4 +1,4 @@
-//! Rays and what they meet.
+//! Rays and their hits in f64.
 
 use glam::DVec3;
 

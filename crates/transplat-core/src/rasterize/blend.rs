@@ -1,4 +1,4 @@
-//! Surfels blended over a tile, nearest first, a row of its pixels at once.
+//! Blending of surfels over a tile, nearest first, a row of its pixels at once.
 
 use multiversion::multiversion;
 

@@ -1,4 +1,4 @@
-//! One surfel on the screen.
+//! Projection of a surfel onto the screen.
 
 use glam::{Vec2, Vec3};
 

@@ -1,4 +1,4 @@
-//! The colours of surfels towards an eye.
+//! Colours of surfels towards an eye.
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! Which surfels touch which tile of the picture.
+//! Binning of surfels into tiles of the image.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -1,4 +1,4 @@
-//! Light that changes over time, by keys.
+//! Animation of the light by keys.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! What of a capture an object is: its splat is cut along boxes.
+//! Cuts: boxes that separate an object from the rest of its splat.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};

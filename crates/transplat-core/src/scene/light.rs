@@ -1,4 +1,4 @@
-//! Light from all around as it is set.
+//! Environment light as it is set: file, rotation, tilt, strength, tint.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};

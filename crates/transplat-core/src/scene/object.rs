@@ -1,4 +1,4 @@
-//! An object of a scene: a splat, how it is read, where it stands, and what it was captured under.
+//! Object of a scene: a splat, how it is read, where it stands, and its capture light.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Rigs: lights of one's own with what is around them, as a file.
+//! Rig: placed lights with the environment around them, as a file.
 
 mod light;
 mod placing;

@@ -1,4 +1,4 @@
-//! Which mathematics relights.
+//! Methods of the transfer, and their presets.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! What a scene does not need: the stages find it out from their input and leave it out, unless they are told to do it all the same.
+//! Optimizations: work that a scene does not need, found from its input, and the switches that force it.
 
 use super::method::Method;
 

@@ -1,4 +1,4 @@
-//! Degrees, bands and coefficients.
+//! SH degrees, bands and coefficient counts.
 
 /// The highest degree that any part of the program handles.
 pub const MAX_DEGREE: usize = 8;

@@ -1,4 +1,4 @@
-//! The basis functions, by the normalised recurrence over the associated Legendre functions.
+//! SH basis functions, by the normalised recurrence over the associated Legendre functions.
 
 use std::ops::{Add, Mul, Neg, Sub};
 

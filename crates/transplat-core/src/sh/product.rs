@@ -1,4 +1,4 @@
-//! Products of functions on the sphere (paper eq. 4).
+//! SH products by Gaunt coefficients (paper eq. 4).
 
 use super::bands::coefficient_count;
 use super::basis::evaluate_basis;

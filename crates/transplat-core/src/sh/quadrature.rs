@@ -1,4 +1,4 @@
-//! Directions on the sphere: an exact product quadrature, and an equal-weight lattice.
+//! Quadrature on the sphere: an exact product rule, and an equal-weight lattice.
 
 use std::f64::consts::PI;
 

@@ -1,4 +1,4 @@
-//! SH functions that several hold: copied only by whoever changes them.
+//! SH functions with shared ownership: copied only by whoever changes them.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;

@@ -1,5 +1,5 @@
-//! The directional method: sums over directions instead of products of SH series, and what the asset's own colour under the source light
-//! tells of it. `docs/method.md` derives it.
+//! The directional method: quadrature over directions instead of products of SH series, with materials fitted to the splat's own colour under the
+//! source light. `docs/method.md` derives it.
 //!
 //! Once for an asset: [`DirectionalCache`]. Once for asset and source light: [`DirectionalTransfer`]. A new light is then sums over light.
 

@@ -1,4 +1,4 @@
-//! The harmonic method (paper 3.3 to 3.5): products of SH series of light and visibility, and a mirror for what shines.
+//! The harmonic method (paper 3.3 to 3.5): products of SH series of light and visibility, and reflection of the specular bands.
 //!
 //! Everything that does not change with the target is prepared once; a new light is then one matrix-vector product,
 //! one dot product and one mirror a surfel and channel. Surfels are worked on in blocks.

@@ -1,4 +1,4 @@
-//! What surfels are made of, as far as a capture and its light tell: for programs that light a splat themselves.
+//! Materials of a splat for other renderers: albedo, metalness, roughness, emission.
 
 use glam::{Quat, Vec3};
 

@@ -1,4 +1,4 @@
-//! What a transfer is asked, and what it yields.
+//! Interface of a transfer, and its result.
 
 use glam::{DMat3, Quat};
 

@@ -1,4 +1,4 @@
-//! Objects that are relit together: each blocks the others' light, and shines on them.
+//! Joint relight of objects: each blocks the others' light, and shines on them.
 
 pub mod harmonic;
 

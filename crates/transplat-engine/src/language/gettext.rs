@@ -1,4 +1,4 @@
-//! Translations as gettext keeps them (`.po`): texts in one language, each with what it is in another.
+//! Reader of gettext's `.po` files.
 
 use std::collections::HashMap;
 

@@ -1,4 +1,4 @@
-//! A camera matched to a photograph: cameras of a file, each with its picture behind the objects.
+//! Cameras of a file, each with its photograph behind the objects.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! The canvas of a window: the graphics device that draws a project, and what it draws.
+//! Canvas of a window: the graphics device that draws a project.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 

@@ -1,4 +1,4 @@
-//! A scene put together: objects added, doubled, taken away, and stood on what is below them.
+//! Composition of a scene: objects added, duplicated, cut out, removed, and dropped to the ground.
 
 use std::path::PathBuf;
 

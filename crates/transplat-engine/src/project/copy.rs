@@ -1,4 +1,4 @@
-//! Copies of a project, to make something of it as it is now while it goes on.
+//! Headless copies of a project, to export from while it goes on.
 
 use transplat_core::scene::{Object, Transform};
 

@@ -1,4 +1,4 @@
-//! Lights that are fixed to the camera or to an object move along with it.
+//! Lights that are fixed to the camera or to an object, moved along with it.
 
 use std::borrow::Cow;
 

@@ -1,4 +1,4 @@
-//! Splats, environments and looks that are opened into a project.
+//! Loading of splats, environments and looks into a project.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};

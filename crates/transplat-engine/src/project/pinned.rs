@@ -1,4 +1,4 @@
-//! A look that others are compared with, beside what it shows relit.
+//! Pinned look that others are compared with.
 
 use std::sync::Arc;
 

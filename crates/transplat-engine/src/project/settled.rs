@@ -1,4 +1,4 @@
-//! How far the picture is what the settings ask for.
+//! Completeness of the image against the settings.
 
 use anyhow::{Result, bail};
 use transplat_core::present::View;

@@ -1,5 +1,4 @@
-//! The stages of a project: each has a key, all that its value depends on, and runs when that has changed; long ones
-//! as jobs, whose result is taken in where it is still asked for.
+//! Stages of a project. Each has a key of its inputs, runs when that changes, long ones as jobs, and keeps a result only while its key is current.
 
 mod asset;
 mod backdrop;

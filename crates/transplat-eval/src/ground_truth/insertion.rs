@@ -1,4 +1,4 @@
-//! Objects put into captured scenes, with path-traced pictures of how that looks.
+//! Truth of objects put into captured scenes.
 //!
 //! A scene's folder holds `scene.ply`; `scene.json`, which names its light (`environment`), that of the objects' captures
 //! (`object_source_environment`), cameras (as a camera file) and per object (`inserts.<name>`) `asset` and `object_to_scene` (rows of a 4x4 matrix:

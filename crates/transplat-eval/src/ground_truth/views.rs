@@ -1,4 +1,4 @@
-//! True pictures with what they are compared with: the same views of the splat.
+//! True images, with the same views of the splat.
 
 use std::path::PathBuf;
 use std::sync::Arc;

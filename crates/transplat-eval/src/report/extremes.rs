@@ -1,4 +1,4 @@
-//! Stiff and extreme cases, and how stiff the transfer is in epsilon.
+//! Part *extremes* of the report, with a sweep over epsilon.
 
 use std::time::Instant;
 

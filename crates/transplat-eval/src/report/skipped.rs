@@ -1,4 +1,4 @@
-//! What the scene did not need, and what leaving that out saved.
+//! Part *skipped* of the report: optimizations and their savings.
 
 use anyhow::Result;
 

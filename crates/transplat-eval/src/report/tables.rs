@@ -1,4 +1,4 @@
-//! The report's tables.
+//! Tables of the comparison with truth.
 
 use super::variants::Variant;
 use transplat_engine::words::milliseconds;

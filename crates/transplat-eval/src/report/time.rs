@@ -1,4 +1,4 @@
-//! Error against run time, for programs and for people.
+//! Part *time* of the report: error against run time.
 
 use anyhow::Result;
 

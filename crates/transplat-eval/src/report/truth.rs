@@ -1,4 +1,4 @@
-//! Methods and single terms against path-traced truth.
+//! Part *truth* of the report: methods and single terms against path-traced truth.
 
 use std::path::Path;
 use std::sync::Arc;

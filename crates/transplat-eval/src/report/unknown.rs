@@ -1,4 +1,4 @@
-//! How well the light of the capture is told from the object alone.
+//! Accuracy of the estimated capture light.
 
 use anyhow::Result;
 use glam::Vec3;

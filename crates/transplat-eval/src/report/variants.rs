@@ -1,4 +1,4 @@
-//! What the report compares.
+//! Variants that are compared with truth.
 
 use transplat_core::settings::{Method, Terms, TransferSettings};
 

@@ -1,4 +1,4 @@
-//! The f64 oracle's results with everything at its best, on a thinned asset.
+//! Reference of the sweep: the f64 oracle at its best, on a thinned splat.
 
 use std::sync::Arc;
 use std::time::Instant;

@@ -1,4 +1,4 @@
-//! What is varied.
+//! Settings of the sweep.
 
 use std::borrow::Cow;
 use std::cell::RefCell;

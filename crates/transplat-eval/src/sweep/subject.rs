@@ -1,4 +1,4 @@
-//! What is measured, and how much.
+//! Subject of the sweep, and its effort.
 
 use std::sync::Arc;
 

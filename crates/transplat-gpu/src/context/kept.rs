@@ -1,4 +1,4 @@
-//! Compiled pipelines, kept from start to start: where a driver does not keep them by itself, they take a second each time.
+//! Cache of compiled pipelines from start to start: where a driver keeps none, they take a second each time.
 
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};

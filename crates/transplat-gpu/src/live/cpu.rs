@@ -1,4 +1,4 @@
-//! The objects drawn by the CPU's own rasterizer, for an adapter that is slower.
+//! Objects drawn by the CPU rasterizer, for a software adapter.
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use transplat_core::camera::Camera;

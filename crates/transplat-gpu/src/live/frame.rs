@@ -1,4 +1,4 @@
-//! What is asked of a frame, and what it took.
+//! Settings of a frame, and counts of its passes.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The objects drawn by the adapter.
+//! Objects drawn by the adapter.
 
 use transplat_core::derived::Derived;
 

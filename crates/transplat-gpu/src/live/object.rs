@@ -1,4 +1,4 @@
-//! An object with all that may be shown of it, and which of that a side of a picture shows.
+//! Object on the GPU, with all colours that a side of an image may show.
 
 use std::sync::Arc;
 

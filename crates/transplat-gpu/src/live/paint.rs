@@ -1,4 +1,4 @@
-//! What the CPU colours surfels with.
+//! Colours that the CPU rasterizer takes.
 
 use glam::Vec3;
 use transplat_core::present::normal_color;

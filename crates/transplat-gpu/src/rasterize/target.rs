@@ -1,4 +1,4 @@
-//! What is drawn into.
+//! Render target.
 
 use half::slice::HalfFloatSliceExt;
 use transplat_core::rasterize::Raster;

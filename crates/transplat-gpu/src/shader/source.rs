@@ -1,4 +1,4 @@
-//! What is written in front of a WGSL file: constants and generated code.
+//! Prefix of a WGSL file: constants and generated code.
 
 use std::fmt::Write;
 

@@ -1,4 +1,4 @@
-//! What options take: a value, or a word of what is expected.
+//! Values of command-line options.
 
 use std::ops::RangeInclusive;
 use std::str::FromStr;

@@ -1,4 +1,4 @@
-//! `transplat render --batch`: splats, lights and cameras from a file, each with each, and any part of that.
+//! `transplat render --batch`: splats by lights by cameras from a file, or a part of that.
 //!
 //! A picture is there, whole, or it is not: so a batch goes on where it was cut off, and parts of it can be drawn by any number of machines
 //! that share a folder.

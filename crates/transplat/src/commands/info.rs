@@ -1,4 +1,4 @@
-//! `transplat info`: what a file holds, and what is odd about it.
+//! `transplat info`: content of a file, and its oddities.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! `transplat light`: lights and what is around them as an environment, for programs that know no others.
+//! `transplat light`: placed lights and their environment as one environment, for other programs.
 
 use std::path::PathBuf;
 

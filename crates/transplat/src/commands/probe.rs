@@ -1,4 +1,4 @@
-//! `transplat probe`: the light at a place in a scene, as the scene's splat shows it, into a file.
+//! `transplat probe`: the light at a place in a scene, as its splat shows it, into a file.
 
 use std::path::PathBuf;
 use std::sync::Arc;

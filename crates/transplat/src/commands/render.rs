@@ -1,4 +1,4 @@
-//! `transplat render`: pictures of an asset, as captured or relit.
+//! `transplat render`: images of a scene, as captured or relit.
 
 mod frames;
 

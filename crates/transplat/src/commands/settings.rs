@@ -1,4 +1,4 @@
-//! The scene that a command line asks for: what it says of an object is the first one's.
+//! Scene of a command line: a look with the options over it. Options for an object are the first one's.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};

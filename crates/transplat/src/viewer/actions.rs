@@ -1,4 +1,4 @@
-//! What keys and menu entries do.
+//! Actions of keys and menu entries.
 
 use eframe::egui::{self, Key};
 use transplat_core::present::Background;

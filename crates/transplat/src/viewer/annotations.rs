@@ -1,4 +1,4 @@
-//! What is written over the picture: which side is which, legends, the crop box.
+//! Annotations over the image: names of the sides, legends, the crop box.
 
 use eframe::egui::{self, Align2, Color32, Painter, Pos2, Rect, Stroke, Ui};
 use glam::Vec3;

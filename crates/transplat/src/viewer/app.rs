@@ -1,4 +1,4 @@
-//! What the window works on, and what is done to it: files and drops.
+//! State of the window, files and drops.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};

@@ -1,4 +1,4 @@
-//! Pictures and splats out, off the interface's thread: each picture goes the way of `transplat render` with the same look.
+//! Exports of images and splats, in the background, from a copy of the project.
 
 mod label;
 mod run;

@@ -1,4 +1,4 @@
-//! Files in and out: dialogs, drops, and the bundled scene.
+//! File dialogs, drops, and the bundled scene.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

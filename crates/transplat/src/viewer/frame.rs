@@ -1,4 +1,4 @@
-//! What the viewport shows: the camera, the lights behind the object, the ground, as the settings have them.
+//! Frame of the viewport: camera, backdrops and ground from the settings.
 
 use transplat_core::camera::{Camera, CameraPose, Lens};
 use transplat_core::present::{Background, View};

@@ -1,4 +1,4 @@
-//! Handles on the selected object: arrows move it, rings turn it, the disc in the middle moves it over the ground, the circle around scales it.
+//! Gizmo of the selected object: arrows move it, rings rotate it, the disc in the middle moves it over the ground, the circle around scales it.
 
 use std::f32::consts::{PI, TAU};
 

@@ -1,4 +1,4 @@
-//! What was done, step by step, to go back to.
+//! Undo history.
 
 use transplat_core::files::look_text;
 use transplat_core::scene::{FixedTo, Light, Object, Scene};

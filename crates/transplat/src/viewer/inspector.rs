@@ -1,4 +1,4 @@
-//! What is told of the surfel that is inspected.
+//! Inspector of a surfel.
 
 use transplat_core::color::{Encoding, decode_sh};
 use transplat_core::sh::with_degree;

@@ -1,4 +1,4 @@
-//! Looks and views that are kept with the scene, and their pages of the shelf.
+//! Saved looks and views of the scene, and their pages of the light library.
 
 use eframe::egui::{
     self, Align2, Color32, ColorImage, Popup, PopupCloseBehavior, Rect, Sense, TextureHandle, Ui,

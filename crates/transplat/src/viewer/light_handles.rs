@@ -1,4 +1,4 @@
-//! Handles on lights of one's own: where each is, and of the chosen one where it shines, how far away it is and how large.
+//! Handles of placed lights: position, target, distance and size.
 
 mod view;
 

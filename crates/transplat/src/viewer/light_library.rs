@@ -1,4 +1,4 @@
-//! The shelf: the two slots, and a page each for lights, kept looks and kept views.
+//! Light library (the shelf): the two slots, and pages of lights, saved looks and saved views.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};

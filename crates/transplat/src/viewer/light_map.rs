@@ -1,4 +1,4 @@
-//! A light's map as it stands around the scene, straight ahead of the camera in its middle: dragged, it turns the light.
+//! Map of the light around the scene: dragged, it rotates the light.
 
 use std::f32::consts::{PI, TAU};
 

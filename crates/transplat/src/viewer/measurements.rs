@@ -1,4 +1,4 @@
-//! What settings cost on the open asset, and what they are worth: measured when the user asks for it.
+//! Measurements of settings on the open splat, made when the user asks for them.
 
 use std::sync::Arc;
 

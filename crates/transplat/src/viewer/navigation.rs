@@ -1,4 +1,4 @@
-//! The camera's moves, as artists know them: orbit, pan, zoom to the pointer, fly, frame.
+//! Camera navigation: orbit, pan, zoom to the pointer, fly, frame.
 
 use glam::{DVec3, Vec2, Vec3};
 use transplat_core::camera::{Camera, CameraPose, FOV};

@@ -1,4 +1,4 @@
-//! A file that is opened in the window, by what is in it; and the lights of the selected object.
+//! Opening of a file in the window, by its content; and the lights of the selected object.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! What lies over and under the viewport: status, jobs and messages, light probes, sheets.
+//! Overlays of the viewport: status, jobs and messages, light probes, sheets.
 
 use std::time::Duration;
 

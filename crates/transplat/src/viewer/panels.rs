@@ -1,4 +1,4 @@
-//! The panel on the right: a tab for each thing that an artist works on.
+//! Panels on the right, a tab each.
 
 mod asset;
 mod camera;

@@ -1,4 +1,4 @@
-//! What comes back at the next start.
+//! Preferences, saved from start to start.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! The light that a scene shows at one of its objects, as a file and on the shelf: what the command `probe` writes.
+//! Export of the light that a scene shows at one of its objects: what the command `probe` writes.
 
 use std::path::{Path, PathBuf};
 

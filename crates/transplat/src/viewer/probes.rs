@@ -1,4 +1,4 @@
-//! What the method sees of the lights: a grey and a mirror ball under each, and all that is around beside what the transfer takes of it.
+//! Light probes: a grey and a mirror ball under each light, and each environment beside what the transfer takes of it.
 
 use eframe::egui::{self, Color32, ColorImage, TextureHandle};
 use glam::{DVec3, Mat3, Vec3};

@@ -1,4 +1,4 @@
-//! Lights of one's own: added, placed, and taken along with what they are fixed to.
+//! Placed lights in the window: added, placed, and rigs.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

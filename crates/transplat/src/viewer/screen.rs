@@ -1,4 +1,4 @@
-//! Between places in the scene and points of the window: what handles are drawn at and dragged by.
+//! Projection between the scene and points of the window, for handles.
 
 use eframe::egui::{self, Color32, Pos2, Rect};
 use glam::{Vec2, Vec3};

@@ -1,4 +1,4 @@
-//! What the window shows of a project: what is selected, what lies over the picture, messages, and its own jobs.
+//! Session: a project in the window, with selection, overlays, messages, and the window's own jobs.
 
 use std::collections::HashMap;
 use std::path::PathBuf;

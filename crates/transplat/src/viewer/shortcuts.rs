@@ -1,4 +1,4 @@
-//! The keyboard: one table, read by the program and shown to the user.
+//! Keyboard shortcuts: one table, read by the program and shown to the user.
 
 use eframe::egui::{Key, Modifiers};
 

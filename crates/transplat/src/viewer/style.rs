@@ -1,4 +1,4 @@
-//! How the window looks: what of egui's style is changed, for both themes.
+//! Style of the window, for both themes.
 
 use eframe::egui::style::ScrollStyle;
 use eframe::egui::{

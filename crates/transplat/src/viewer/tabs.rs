@@ -1,4 +1,4 @@
-//! The tabs of the panel, and how they are named.
+//! Tabs of the panel, and their names.
 
 use lucide_icons::Icon;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Thumbnails, as all pages of the shelf show them.
+//! Thumbnails of the light library.
 
 use eframe::egui::{self, Color32, Rect, Stroke, TextureHandle, Ui};
 

@@ -1,4 +1,4 @@
-//! The timeline under the picture: keys of the light, and what is between them.
+//! Timeline under the image: keys of the light.
 
 use eframe::egui::{self, Align2, Color32, Rect, RichText, Role, Sense, Stroke, Ui, pos2, vec2};
 use lucide_icons::Icon;

@@ -1,4 +1,4 @@
-//! The viewport: what is seen of the asset, and what the mouse does there.
+//! Viewport: the image, and what the mouse does there.
 
 use eframe::egui::{self, Key, PointerButton, Pos2, Rect, Sense, Ui};
 use eframe::{egui_wgpu, wgpu};

@@ -1,4 +1,4 @@
-//! Controls as every panel has them: a label, a unit, a tooltip that says what it does to the picture, reset by double click.
+//! Widgets that every panel uses: label, unit, tooltip, reset by double click.
 
 use std::ops::RangeInclusive;
 

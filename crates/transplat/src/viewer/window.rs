@@ -1,4 +1,4 @@
-//! The window: menus, panels, shelf, viewport, status.
+//! Layout of the window: menus, panels, light library, viewport, status.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The work of last time: kept while the program runs, and there again at the next start that names nothing else.
+//! Autosave: the last work, restored at the next start that names nothing else.
 
 use std::path::{Path, PathBuf};
 

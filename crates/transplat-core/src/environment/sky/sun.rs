@@ -1,4 +1,4 @@
-//! The sun: where it stands, and how strong it is.
+//! Position of the sun by place and time, and its radiance.
 
 use std::f64::consts::PI;
 use std::fmt;

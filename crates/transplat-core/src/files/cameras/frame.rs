@@ -1,4 +1,4 @@
-//! What a camera file holds.
+//! Cameras of a file: frames, and their lens warnings.
 
 use std::path::{Path, PathBuf};
 

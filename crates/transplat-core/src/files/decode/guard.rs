@@ -1,4 +1,4 @@
-//! What stands between a decoder that panics and the program.
+//! Guard between a decoder that panics and the program.
 
 use std::cell::Cell;
 use std::fmt::Display;

@@ -1,4 +1,4 @@
-//! What a glTF calls things.
+//! Names and constants of glTF.
 
 /// First bytes of a binary glTF.
 pub(in crate::files) const MAGIC: &[u8; 4] = b"glTF";

@@ -1,4 +1,4 @@
-//! A splat as a binary glTF with `KHR_gaussian_splatting` as it was ratified.
+//! Writer of binary glTF with `KHR_gaussian_splatting` as it was ratified.
 
 use std::io::Write;
 

@@ -1,4 +1,4 @@
-//! Colours of other primaries as linear Rec. 709, which all light is here.
+//! Conversion of other primaries to linear Rec. 709, which all light is here.
 
 use glam::{DMat3, DVec2, DVec3};
 

@@ -1,4 +1,4 @@
-//! Which properties of a PLY are a surfel's colour.
+//! Colour properties of a PLY.
 
 /// The colour that a property is.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! What trainers say in comments, and what is said in those of files that are written.
+//! Comments of trainers in a PLY, and those of files that are written.
 
 use std::io::Write;
 

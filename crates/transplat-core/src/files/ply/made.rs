@@ -1,4 +1,4 @@
-//! A splat that comes of no PLY, in the layout that trainers of 2DGS write, or of 3DGS where any of it is a 3D Gaussian.
+//! Writer of a PLY for a splat of another format, in the layout of 2DGS trainers, or of 3DGS where any of it is a 3D Gaussian.
 
 use std::io::Write;
 

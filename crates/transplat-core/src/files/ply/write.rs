@@ -1,4 +1,4 @@
-//! A splat's PLY again with other colour: every property, comment and trailing element that the file had, in its order.
+//! Writer of a splat's own PLY with other colour: every property, comment and trailing element that the file had, in its order.
 
 use std::io::{BufRead, Read, Seek, SeekFrom, Write};
 

@@ -1,4 +1,4 @@
-//! 256 numbers that stand for many, and vectors that stand for many.
+//! Codebooks: 256 numbers that stand for many, and vectors that stand for many.
 
 use rayon::prelude::*;
 

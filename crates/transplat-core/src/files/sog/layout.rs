@@ -1,4 +1,4 @@
-//! How its pictures are laid out.
+//! Layout of SOG's images.
 
 /// Name of the file that says what is where.
 pub(in crate::files) const META: &str = "meta.json";

@@ -1,4 +1,4 @@
-//! A splat as SOG of version 2, bundled.
+//! Writer of SOG version 2, bundled.
 
 use std::io::{Seek, Write};
 

@@ -1,4 +1,4 @@
-//! The relit colour: matte light by tau, mirrored light anew, and what neither explains kept.
+//! Relit colour in f64: diffuse light by tau, specular light anew, and the unexplained residual kept.
 
 use glam::DVec3;
 

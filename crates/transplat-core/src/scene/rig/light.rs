@@ -1,4 +1,4 @@
-//! Lights of one's own: what a photographer puts around an object.
+//! Placed lights: sun, point, spot, and area lights.
 
 use glam::{Affine3A, DVec3};
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Where lights of one's own stand: how they are made, moved and aimed.
+//! Placement of lights: how they are made, moved and aimed.
 
 use glam::{DMat3, DQuat, DVec3};
 

@@ -1,4 +1,4 @@
-//! Rigs to begin with, as they are known from studios.
+//! Rig presets, as they are known from studios.
 
 use glam::DVec3;
 

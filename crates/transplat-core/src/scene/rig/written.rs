@@ -1,4 +1,4 @@
-//! Lights of one's own as files have them.
+//! Placed lights as files have them.
 
 use glam::DVec3;
 use serde::de::Error;

@@ -1,4 +1,4 @@
-//! What of an asset no light changes, and a light as the transfer takes it in.
+//! Cache of a preparation that no light changes, and a light as the transfer takes it in.
 
 use std::sync::Arc;
 

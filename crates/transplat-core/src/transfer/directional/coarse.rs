@@ -1,4 +1,4 @@
-//! How much matte light changes, soon: for what is shown while a light is turned.
+//! Coarse relight, for what is shown while the light changes.
 
 use glam::Vec3A;
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! Surfels that mirror nothing and whose stored colour is a power of their light: that is multiplied, without a look at the nodes.
+//! Diffuse surfels whose stored colour is a power of their light: relit by a factor, without quadrature.
 
 use multiversion::multiversion;
 

@@ -1,4 +1,4 @@
-//! Colour at the nodes that gloss does not explain: kept of glossy surfels; that of the others is what is stored, and made of it where it is asked for.
+//! Diffuse colour at the quadrature nodes: kept for specular surfels; that of the others is decoded from what is stored on demand.
 
 use crate::color_rows::{ColorRows, RowMut};
 

@@ -1,4 +1,4 @@
-//! What shines by itself: surfels that are brighter than any light on them explains, from wherever they are seen.
+//! Emission: surfels that are brighter than any light on them explains, from wherever they are seen.
 
 use std::f32::consts::PI;
 

@@ -1,4 +1,4 @@
-//! The light that shines on a surfel: from the open sky and the suns, and from the surfels that block them.
+//! Incident light of a surfel: open sky and suns, and the surfels that block them.
 
 use std::f32::consts::PI;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! What a light of one's own does to the surfels of an asset, and what is kept of it.
+//! Visibility of a placed light from the surfels of a splat, and its cache.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -1,4 +1,4 @@
-//! The lobe by which a surfel mirrors what shines on it.
+//! Specular lobe: cosine lobes of several widths with an optional Fresnel term.
 //!
 //! It is `((1 + cos) / 2)^p` around the mirrored view, a power of two: a few multiplications instead of an exponential. It keeps
 //! its energy (`(p + 1) / 4 pi`), and is dark below the surface's horizon.

@@ -1,4 +1,4 @@
-//! What surfels are made of, from what explains their colour under the source.
+//! Materials of surfels, from what explains their colour under the source.
 
 use std::f32::consts::PI;
 

@@ -1,4 +1,4 @@
-//! What a surfel's colour has to do with what it mirrors of the source light, as the view changes.
+//! Moments of a surfel's colour with its specular lobes under the source light, over views.
 
 use super::lobe::{WIDTHS, mirrored, mirrored_by_all};
 use super::nodes::{QuadratureNodes, SurfelFrame, product};

@@ -1,4 +1,4 @@
-//! Lights of one's own as the surfels of an asset meet them: how much of each is seen, and what that shines on either side.
+//! Shadow rays from each surfel to placed lights: visible shares, and irradiance on either side.
 //!
 //! What is seen of a light depends on where it is, not on how bright it is: that is kept, so that of several lights only the one that moved is
 //! traced again.

@@ -1,4 +1,4 @@
-//! Which surfels probably are of the same stuff: their gloss is found together.
+//! Neighbours that probably share a material: their specular lobes are fitted together.
 
 use rayon::prelude::*;
 

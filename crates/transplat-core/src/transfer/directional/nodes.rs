@@ -1,4 +1,4 @@
-//! The directions at which a surfel's colour is worked on: a quadrature of the hemisphere that cameras can see it from.
+//! Quadrature nodes of a surfel's colour: directions of the hemisphere that cameras can see it from.
 //!
 //! They lie in the surfel's own frame, so that one set of matrices serves all surfels. The frame is the mirror that exchanges the
 //! normal and the z axis: its own inverse, and cheap to apply to SH vectors.

@@ -1,4 +1,4 @@
-//! What shines on a surfel, as rays.
+//! Light on a surfel as rays.
 
 use crate::environment::LightSample;
 

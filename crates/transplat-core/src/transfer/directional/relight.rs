@@ -1,4 +1,4 @@
-//! The directional method as the pipeline asks for it: a relit asset, what was left out, what it takes.
+//! Relight by the directional method, with its skipped work and memory.
 
 use rayon::prelude::*;
 

@@ -1,4 +1,4 @@
-//! Gloss: which lobe a surfel's own colour speaks of, by what it shows of the source light as the view changes.
+//! Fit of a surfel's specular lobe, by the views of its colour under the source light.
 
 use std::f32::consts::PI;
 

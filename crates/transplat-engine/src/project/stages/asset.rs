@@ -1,4 +1,4 @@
-//! What the settings say of the splat itself: which way is up, what its colour is, where its outside.
+//! Stage *load*: settings that change how the splat itself is read.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! What is behind the objects and over the whole picture: maps, photographs and tables of colours.
+//! Backdrops and grading: maps and photographs behind the objects, and LUTs.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! The bakes: that of the method that is set, and what the estimate of the light needs.
+//! Stage *bake*: visibility for the method that is set, and for the estimate.
 
 use std::path::PathBuf;
 

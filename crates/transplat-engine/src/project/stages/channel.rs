@@ -1,4 +1,4 @@
-//! Channels that no target changes, made when they are asked for: visibility is the bake's, albedo and glow are the preparation's.
+//! Channels that no target light changes: visibility and materials, made on demand.
 
 use transplat_core::present::{View, material_colors};
 use transplat_core::settings::Method;

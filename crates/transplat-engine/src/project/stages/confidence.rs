@@ -1,4 +1,4 @@
-//! What is doubtful of what is shown, and the whole of it for a readout: made when it is asked for.
+//! Confidence map of the relit colours, and their readout, made on demand.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The light of the capture as the object tells it: estimated once an asset, and again when its outside is told.
+//! Stage *estimate*: the capture light from the object, once a splat, and again when its outside is set.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The ground that catches the objects' shadow.
+//! Stage *ground*: the shadow catcher under the objects.
 
 use anyhow::Context;
 use glam::Vec3;

@@ -1,4 +1,4 @@
-//! What is not drawn, and so need not be relit.
+//! Hidden surfels, which need no relight.
 
 use std::sync::Arc;
 

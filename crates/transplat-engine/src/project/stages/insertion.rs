@@ -1,4 +1,4 @@
-//! Several objects by preset paper: put into the first one's scene.
+//! Joint preparation by preset paper: objects put into the first one's scene.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Several objects: what they see of each other, and all of them under the target light.
+//! Joint relight of several objects, and their inter-object visibility.
 
 use std::sync::Arc;
 use std::time::Instant;

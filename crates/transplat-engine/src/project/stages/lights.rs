@@ -1,4 +1,4 @@
-//! The lights: those that the settings name, where they are read, and as an asset sees them, turned, tinted and scaled.
+//! Stage *lights*: capture and target light in each object's coordinates.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The transfer from the source light, prepared.
+//! Stage *prepare*: the transfer from the source light.
 
 use std::sync::Arc;
 use std::time::Instant;

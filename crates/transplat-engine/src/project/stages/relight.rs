@@ -1,4 +1,4 @@
-//! The asset under the target light.
+//! Stage *relight*: an object that is alone under the target light.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

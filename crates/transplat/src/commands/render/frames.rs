@@ -1,4 +1,4 @@
-//! What of a scene is drawn by `transplat render`: cameras, and the photographs behind.
+//! Frames of `transplat render`: cameras, and the photographs behind.
 
 use std::path::{Path, PathBuf};
 

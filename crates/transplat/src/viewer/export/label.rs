@@ -1,4 +1,4 @@
-//! Words in saved pictures, by the fonts of the window.
+//! Text in saved images, by the fonts of the window.
 
 use eframe::egui::epaint::text::{
     FontDefinitions, Fonts, LayoutJob, TextFormat, TextOptions, TextWrapping,

@@ -1,4 +1,4 @@
-//! Exports as they run: what they make of the project that they were started with.
+//! Running exports.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};

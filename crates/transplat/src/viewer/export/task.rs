@@ -1,4 +1,4 @@
-//! Exports as the user asks for them: what is saved, and how.
+//! Export tasks and their settings.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Where the handles of lights are, and what a drag of one makes.
+//! Places of the lights' handles, and what a drag of one changes.
 
 use eframe::egui::{Pos2, Vec2};
 use glam::{DVec3, Vec3};

@@ -1,4 +1,4 @@
-//! The splat: what it is, how it stands, what of it is hidden, and the surfel that was clicked.
+//! Panel *Asset*: the splat, its up axis, hidden surfels, and the surfel that was clicked.
 
 use eframe::egui::{self, Ui};
 use glam::{Quat, Vec3};

@@ -1,4 +1,4 @@
-//! Where the picture is seen from, and what helps to see it.
+//! Panel *Camera*.
 
 use eframe::egui::{self, Ui};
 use transplat_core::camera::{APERTURE, FIELD_OF_VIEW, FOV};

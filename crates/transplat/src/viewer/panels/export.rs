@@ -1,4 +1,4 @@
-//! Pictures and splats out.
+//! Panel *Export*.
 
 use eframe::egui::{self, RichText, Ui};
 use transplat_core::files::SplatFormat;

@@ -1,4 +1,4 @@
-//! What lights the objects, and lit the capture: how it is turned, how strong it is.
+//! Panel *Light*: capture and target light, their rotation and strength.
 
 use eframe::egui::{self, Button, Role, Ui};
 use transplat_core::environment::{ImageReading, Layout, PlaceAndTime, Sun, TURBIDITIES};

@@ -1,4 +1,4 @@
-//! Lights of one's own: which there are, and how the chosen one shines.
+//! Page *lights* of the panel *Light*: placed lights.
 
 use eframe::egui::{self, Role, Ui};
 use glam::DVec3;

@@ -1,4 +1,4 @@
-//! How the picture looks: display, background, and how it is relit.
+//! Panel *Look*: tone curve, LUT, background, and terms of the transfer.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! The objects of the scene: which there are, and where the selected one stands.
+//! Objects of the scene: their list, and the place of the selected one.
 
 use std::f32::consts::PI;
 

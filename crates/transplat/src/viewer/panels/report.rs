@@ -1,4 +1,4 @@
-//! How far the result can be trusted, what ran, how long it took, and what was left out.
+//! Panel *Report*: confidence, run times, and skipped work.
 
 use eframe::egui::{self, Align, Button, Ui};
 use transplat_core::present::LowConfidence;

@@ -1,4 +1,4 @@
-//! How it is relit: the preset, and what that is made of.
+//! Settings of the transfer: preset, numbers and terms.
 
 use eframe::egui::Ui;
 use transplat_core::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
