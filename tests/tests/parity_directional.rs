@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use transplat_core::bake::directional::DirectionalBake;
-use transplat_core::bake::strata::{DIRECTIONS, Found};
+use transplat_core::bake::strata::{DIRECTIONS, SurfelHits};
 use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::progress::no_progress;
@@ -184,7 +184,7 @@ fn bake() {
     let tracer = DirectionalBake::tracer(&cloud, &no_progress).expect("not cancelled");
     let on_gpu = GpuTracer::new(&gpu, &tracer).expect("the driver works");
     let by = |strata: &[usize],
-              found: &mut [Found],
+              found: &mut [SurfelHits],
               progress: transplat_core::progress::Progress<'_>| {
         on_gpu
             .trace(strata, found, progress)
@@ -238,7 +238,7 @@ fn bake() {
     assert!(rays * 2000 < cloud.len() * DIRECTIONS);
     assert!(hits * 1000 < cpu.directional_visibility.hits.len());
     let stop = |_| ControlFlow::Break(());
-    let mut found: Vec<Found> = (0..cloud.len() as u32).map(Found::of).collect();
+    let mut found: Vec<SurfelHits> = (0..cloud.len() as u32).map(SurfelHits::of).collect();
     let stopped = on_gpu.trace(&[0, 1], &mut found, &stop);
     assert!(matches!(stopped, Err(GpuError::Cancelled)));
 }

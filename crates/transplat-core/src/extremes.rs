@@ -21,7 +21,7 @@ use crate::sh::MAX_DEGREE;
 use crate::surfels::SurfelCloud;
 use crate::transfer::{Part, PreparedTransfer, Relit};
 
-pub use case::{Case, Input, Trial};
+pub use case::{Case, CaseInput, Trial};
 use case::{REFUSED, bake};
 pub use cases::all;
 
@@ -34,7 +34,7 @@ pub type OtherWay<'a> =
 
 /// What a case came to with a method.
 #[derive(Clone, Debug)]
-pub struct Outcome {
+pub struct CaseOutcome {
     /// The case's name.
     pub case: &'static str,
     /// With which method.
@@ -54,8 +54,8 @@ pub struct Outcome {
 }
 
 /// Runs a case with a method, on the CPU and, if there is one, by another way.
-pub fn run(case: &Case, method: Method, other: Option<OtherWay<'_>>) -> Outcome {
-    let mut outcome = Outcome {
+pub fn run(case: &Case, method: Method, other: Option<OtherWay<'_>>) -> CaseOutcome {
+    let mut outcome = CaseOutcome {
         case: case.name,
         method,
         property: case.property,
@@ -79,10 +79,11 @@ pub fn run(case: &Case, method: Method, other: Option<OtherWay<'_>>) -> Outcome 
 }
 
 /// What a battery came to, for people: how many hold and how far off they are, and a line for each that does not.
-pub fn in_words(outcomes: &[Outcome]) -> String {
-    let failed: Vec<&Outcome> = outcomes.iter().filter(|o| o.failure.is_some()).collect();
-    let largest =
-        |of: &dyn Fn(&Outcome) -> Option<f64>| outcomes.iter().filter_map(of).fold(0.0, f64::max);
+pub fn in_words(outcomes: &[CaseOutcome]) -> String {
+    let failed: Vec<&CaseOutcome> = outcomes.iter().filter(|o| o.failure.is_some()).collect();
+    let largest = |of: &dyn Fn(&CaseOutcome) -> Option<f64>| {
+        outcomes.iter().filter_map(of).fold(0.0, f64::max)
+    };
     let mut words = format!(
         "Extreme cases: {} of {} hold; f32 is off f64 by at most {:.1e}",
         outcomes.len() - failed.len(),
@@ -109,10 +110,10 @@ pub fn in_words(outcomes: &[Outcome]) -> String {
 
 fn try_out(
     case: &Case,
-    input: &Input,
+    input: &CaseInput,
     method: Method,
     other: Option<OtherWay<'_>>,
-    outcome: &mut Outcome,
+    outcome: &mut CaseOutcome,
 ) -> Result<()> {
     let settings = TransferSettings {
         epsilon: input.epsilon,

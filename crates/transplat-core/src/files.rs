@@ -1,6 +1,5 @@
 //! Files in and out. A file is recognized by its first bytes, never by its name, and no memory is allocated by a number that a file only claims.
 
-mod asset;
 mod bake;
 mod cameras;
 mod decode;
@@ -20,6 +19,7 @@ mod read;
 mod rows;
 mod sog;
 mod splat;
+mod splat_file;
 mod spz;
 mod write;
 mod written;
@@ -28,7 +28,6 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 
-pub use asset::{SplatFile, load_splat, losses, write_delit, write_relit, write_splat};
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake, save_bake};
 pub use cameras::{CameraFile, CameraFrame, cameras_of_training, load_cameras};
 pub use estimate::{load_estimate, save_estimate};
@@ -42,6 +41,7 @@ pub use look::{load_look, load_rig, look_text, save_look, save_rig};
 pub use lut::load_lut;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS, check_readable};
 pub use rows::{SplatKind, SplatReport};
+pub use splat_file::{SplatFile, load_splat, losses, write_delit, write_relit, write_splat};
 pub use write::{
     Channel, ExrFloats, PngBits, check_folder, check_output, folder_of, is_environment_name,
     write_atomically, write_environment, write_exr, write_layers, write_png,

@@ -15,11 +15,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use blend::{Splat, TILE, Tile};
+use blend::{TILE, Tile, TileSplat};
 pub use project::{LEAST_COMPENSATION, LOW_PASS_VARIANCE, MARGIN, MAX_ALPHA};
 use project::{ProjectedSurfel, project_surfel};
 pub use shade::{ColorSpace, Functions, Shading, shade};
-pub use tiles::Placed;
+pub use tiles::PlacedSplat;
 use tiles::Tiles;
 
 use crate::camera::Camera;
@@ -159,7 +159,7 @@ pub fn rasterize(
 ) -> Raster {
     assert_eq!(colors.len(), cloud.len());
     let mut rasterizer = Rasterizer::default();
-    rasterizer.project(&[Placed::alone(cloud, camera, hidden)], camera);
+    rasterizer.project(&[PlacedSplat::alone(cloud, camera, hidden)], camera);
     let mut raster = Raster::default();
     let of = |surfels: &[usize], out: &mut [[f32; 3]]| {
         for (surfel, out) in surfels.iter().zip(out) {
@@ -192,7 +192,7 @@ pub struct Rasterizer {
 
 impl Rasterizer {
     /// Puts the objects of a scene on the screen. Their surfels are counted one object after the other.
-    pub fn project(&mut self, objects: &[Placed<'_>], camera: &Camera) {
+    pub fn project(&mut self, objects: &[PlacedSplat<'_>], camera: &Camera) {
         self.size = [camera.width, camera.height];
         self.near = camera.near;
         self.tiles.list(objects, self.size);
@@ -332,7 +332,7 @@ type Fetched<'a> = (&'a ProjectedSurfel, [u16; 4], Option<[f32; 3]>);
 struct Scratch<'a> {
     order: Vec<u64>,
     nearest: Vec<Fetched<'a>>,
-    splats: Vec<Splat<'a>>,
+    splats: Vec<TileSplat<'a>>,
     /// Surfels whose colour is not known yet.
     asked: Vec<usize>,
     /// Ranges among the entries and the splats.
@@ -407,16 +407,16 @@ mod tests {
                 *out = cloud.positions[*surfel].map(|v| 0.5 + 0.4 * v).to_array();
             }
         };
-        let drawn = |placed: Placed<'_>| {
+        let drawn = |placed: PlacedSplat<'_>| {
             let mut rasterizer = Rasterizer::default();
             rasterizer.project(&[placed], &camera);
             let mut raster = Raster::default();
             rasterizer.draw(color, &mut raster);
             (raster, rasterizer.seen())
         };
-        let alone = Placed::alone(&cloud, &camera, &[]);
+        let alone = PlacedSplat::alone(&cloud, &camera, &[]);
         let (all, seen) = drawn(alone);
-        let (some, of_those) = drawn(Placed { one_of: 4, ..alone });
+        let (some, of_those) = drawn(PlacedSplat { one_of: 4, ..alone });
         assert!(
             of_those.abs_diff(seen / 4) < seen / 50,
             "{of_those} of {seen}"
@@ -427,7 +427,7 @@ mod tests {
             (squares / all.pixels.len() as f32 / 4.0).sqrt()
         };
         let hidden: Vec<bool> = (0..cloud.len()).map(|i| i % 4 != 0).collect();
-        let (gaps, _) = drawn(Placed {
+        let (gaps, _) = drawn(PlacedSplat {
             hidden: &hidden,
             ..alone
         });

@@ -26,7 +26,7 @@ pub use light::{
 };
 pub use object::{MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform, splat_name};
 pub use rig::{
-    Around, FixedTo, KELVIN, KEY, Light, LightKind, LightSource, Lit, Placed, Rig, RigPreset,
+    Around, FixedTo, KELVIN, KEY, Light, LightKind, LightSource, Placed, Rig, RigPreset, RigTarget,
     SUN_DEG,
 };
 

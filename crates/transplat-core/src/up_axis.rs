@@ -97,7 +97,7 @@ fn up_from_stance(cloud: &SurfelCloud, habit: UpAxis) -> UpAxis {
         UpAxis::PlusZ | UpAxis::PlusY | UpAxis::MinusY => 0.2,
         _ => 0.03,
     };
-    let extents = extents(&Piece::of(cloud, MOST_SURFELS));
+    let extents = extents(&SurfacePiece::of(cloud, MOST_SURFELS));
     // What is tall stands, and what is flat lies.
     let stance = |up: UpAxis| {
         let along = up.direction().abs().dot(extents);
@@ -114,7 +114,7 @@ fn up_from_stance(cloud: &SurfelCloud, habit: UpAxis) -> UpAxis {
 }
 
 /// Extents of most of it along each axis; positive.
-fn extents(pieces: &[Piece]) -> Vec3 {
+fn extents(pieces: &[SurfacePiece]) -> Vec3 {
     let each = |axis: usize| {
         let mut values: Vec<f32> = pieces.iter().map(|p| p.position[axis]).collect();
         values.sort_unstable_by(f32::total_cmp);
@@ -131,14 +131,14 @@ fn extents(pieces: &[Piece]) -> Vec3 {
 
 /// Where the light on a capture comes from, as long as it makes a difference: the slope of the logarithm of its colour over its normals.
 fn light_on(cloud: &SurfelCloud) -> Vec3 {
-    let pieces = Piece::of(cloud, MOST_LIT);
+    let pieces = SurfacePiece::of(cloud, MOST_LIT);
     let places: Vec<Vec3> = pieces.iter().map(|p| p.position).collect();
     let reach = SURROUNDINGS * Bounds::of(&places).radius;
     // Not by a few large ones.
     let mut areas: Vec<f64> = pieces.iter().map(|p| p.area).collect();
     areas.sort_unstable_by(f64::total_cmp);
     let most = areas.get(areas.len() * 9 / 10).copied().unwrap_or(1.0);
-    let outward = |piece: &Piece| {
+    let outward = |piece: &SurfacePiece| {
         let around = places.iter().filter(|p| p.distance(piece.position) < reach);
         let (sum, count) = around.fold((Vec3::ZERO, 0.0), |(sum, n), p| (sum + *p, n + 1.0));
         let away = piece.position - sum / f32::max(count, 1.0);
@@ -149,7 +149,7 @@ fn light_on(cloud: &SurfelCloud) -> Vec3 {
         };
         side * piece.normal
     };
-    let brightness = |piece: &Piece| {
+    let brightness = |piece: &SurfacePiece| {
         let stored = cloud.sh_of(piece.surfel)[0].map(|v| v / SQRT_4PI as f32);
         let color = stored.map(|v| cloud.encoding.decode(v));
         luminance(color).max(LEAST_COLOR).ln()
@@ -171,7 +171,7 @@ fn light_on(cloud: &SurfelCloud) -> Vec3 {
 /// The axis that points up from the ground, where a capture has one: a thin flat layer, much of its surface, with the rest on one side.
 /// None for a thing alone, and where walls are as good.
 pub fn up_from_ground(cloud: &SurfelCloud) -> Option<UpAxis> {
-    let pieces = Piece::of(cloud, MOST_SURFELS);
+    let pieces = SurfacePiece::of(cloud, MOST_SURFELS);
     let places: Vec<Vec3> = pieces.iter().map(|p| p.position).collect();
     let radius = f64::from(Bounds::of(&places).radius);
     if radius <= 0.0 || !radius.is_finite() {
@@ -189,7 +189,7 @@ pub fn up_from_ground(cloud: &SurfelCloud) -> Option<UpAxis> {
 }
 
 /// A surfel as a piece of surface.
-struct Piece {
+struct SurfacePiece {
     position: Vec3,
     normal: Vec3,
     /// Area of its surface.
@@ -197,7 +197,7 @@ struct Piece {
     surfel: usize,
 }
 
-impl Piece {
+impl SurfacePiece {
     /// At most so many of a capture.
     fn of(cloud: &SurfelCloud, most: usize) -> Vec<Self> {
         let step = cloud.len().div_ceil(most).max(1);
@@ -222,12 +222,12 @@ impl Piece {
 }
 
 /// Share of the surface that lies in the ground, times what is above it less what is below; 0 where too much is.
-fn evidence(pieces: &[Piece], up: UpAxis, radius: f64) -> f64 {
+fn evidence(pieces: &[SurfacePiece], up: UpAxis, radius: f64) -> f64 {
     let up = up.direction();
-    let height = |p: &Piece| f64::from(p.position.dot(up));
+    let height = |p: &SurfacePiece| f64::from(p.position.dot(up));
     let step = radius * THICKNESS / 2.0;
-    let layer_of = |p: &Piece| (height(p) / step).floor();
-    let is_flat = |p: &Piece| p.normal.dot(up).abs() > FLAT;
+    let layer_of = |p: &SurfacePiece| (height(p) / step).floor();
+    let is_flat = |p: &SurfacePiece| p.normal.dot(up).abs() > FLAT;
     // The layer with most of what lies flat; floaters may be anywhere, so that layers are sorted and not counted from the lowest.
     let mut flat: Vec<(f64, f64)> = (pieces.iter().filter(|p| is_flat(p)))
         .map(|p| (layer_of(p), p.area))

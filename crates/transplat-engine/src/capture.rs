@@ -141,14 +141,14 @@ impl Capture {
 
 /// Object that is cut out of a capture.
 #[derive(Clone)]
-pub struct Part {
+pub struct CutPart {
     /// Splat that it is cut out of.
     pub capture: Arc<Capture>,
     /// Indices of its surfels.
     pub surfels: Arc<[usize]>,
 }
 
-impl Part {
+impl CutPart {
     /// Bake of the whole that the part's bake needs.
     pub fn of_whole(
         &self,
@@ -195,7 +195,7 @@ pub fn part_of(asset: &Path, object: &Object, whole: &SurfelCloud) -> Result<Arc
 }
 
 /// Where a part's bake may be kept: never in the place of the whole's.
-pub fn kept_beside(path: &Path, part: Option<&Part>, method: Method) -> Option<PathBuf> {
+pub fn kept_beside(path: &Path, part: Option<&CutPart>, method: Method) -> Option<PathBuf> {
     let is_told_apart = part.is_none() || method == Method::Directional;
     is_told_apart.then(|| path.to_owned())
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, bail};
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::harmonic::{BakeInput, bake_harmonic};
-use transplat_core::bake::strata::Found;
+use transplat_core::bake::strata::SurfelHits;
 use transplat_core::bake::trace::Tracer;
 use transplat_core::camera::Camera;
 use transplat_core::environment::{
@@ -134,7 +134,7 @@ impl Device {
             }
             made => made?,
         };
-        let by = |strata: &[usize], found: &mut [Found], progress: Progress<'_>| {
+        let by = |strata: &[usize], found: &mut [SurfelHits], progress: Progress<'_>| {
             Ok(rays.trace(strata, found, progress)?)
         };
         DirectionalBake::bake_by(cloud, tracer, stages, by, progress, preview)

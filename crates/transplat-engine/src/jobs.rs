@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::memory;
+use super::memory_trim;
 use crate::language::tr;
 use anyhow::{Result, anyhow};
 use thread_priority::{ThreadPriority, set_current_thread_priority};
@@ -203,7 +203,7 @@ impl Job {
 /// A job's own side.
 pub struct Handle<E> {
     id: u64,
-    sender: Sender<Message<E>>,
+    sender: Sender<JobMessage<E>>,
     signals: Arc<Signals>,
     wake: Wake,
     watch: Option<(Kind, Watch)>,
@@ -236,7 +236,7 @@ impl<E> Handle<E> {
 
     fn post(&self, event: Option<E>, ended: bool) {
         // Nobody listens any more once the window is closed.
-        let _ = self.sender.send(Message {
+        let _ = self.sender.send(JobMessage {
             id: self.id,
             event,
             ended,
@@ -245,7 +245,7 @@ impl<E> Handle<E> {
     }
 }
 
-struct Message<E> {
+struct JobMessage<E> {
     id: u64,
     event: Option<E>,
     ended: bool,
@@ -284,8 +284,8 @@ const LEAVES_MUCH: Duration = Duration::from_millis(250);
 
 /// All jobs, and what they yield.
 pub struct Jobs<E> {
-    sender: Sender<Message<E>>,
-    receiver: Receiver<Message<E>>,
+    sender: Sender<JobMessage<E>>,
+    receiver: Receiver<JobMessage<E>>,
     running: Vec<Job>,
     next: u64,
     wake: Wake,
@@ -379,7 +379,7 @@ impl<E: Send + 'static> Jobs<E> {
             // Not before: the next one could be told as done first.
             queue.iter().for_each(|queue| queue.leave(id));
             if handle.signals.worked() > Some(LEAVES_MUCH) {
-                memory::give_back();
+                memory_trim::give_back();
             }
         });
     }

@@ -11,7 +11,7 @@ pub mod estimate;
 pub mod jobs;
 pub mod language;
 pub mod layers;
-pub mod memory;
+pub mod memory_trim;
 pub mod names;
 pub mod object;
 pub mod output;

@@ -200,7 +200,7 @@ pub type LightsKey = (
 pub type InterObjectKey = Vec<(u64, u64, Affine3A)>;
 
 /// Visibility between the objects that are shown, and its level of detail.
-pub type Surroundings = Derived<(InterObjectKey, Detail), Arc<SceneBake>>;
+pub type InterObjectStage = Derived<(InterObjectKey, Detail), Arc<SceneBake>>;
 
 /// Inputs of the visibility of objects that preset paper puts into a scene.
 #[derive(Clone, Debug, PartialEq)]

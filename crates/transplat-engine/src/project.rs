@@ -31,8 +31,8 @@ use super::device::Device;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind, Wake, Watch};
 use super::object::{
-    Followed, GroundKey, GroundLitKey, InsertedKey, InsertionKey, JointKey, ObjectState,
-    Surroundings,
+    Followed, GroundKey, GroundLitKey, InsertedKey, InsertionKey, InterObjectStage, JointKey,
+    ObjectState,
 };
 use super::splat::Splat;
 use crate::words::of_error;
@@ -193,7 +193,7 @@ pub struct Project {
     /// Target light of the scene.
     pub environment: Resolved,
     /// Inter-object visibility.
-    pub surroundings: Surroundings,
+    pub surroundings: InterObjectStage,
     /// True while the trace of [`Project::surroundings`] that runs is the fine one.
     pub is_tracing_finely: bool,
     /// The objects as preset paper puts them into a scene.
@@ -282,7 +282,7 @@ impl Project {
             followed: None,
             environments: Environments::default(),
             environment: Resolved::default(),
-            surroundings: Surroundings::default(),
+            surroundings: InterObjectStage::default(),
             is_tracing_finely: false,
             insertion: Derived::default(),
             inserted: Derived::default(),

@@ -18,7 +18,7 @@ use transplat_core::scene::{Cut, Object, Scene, splat_name};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::up_axis::{UpEvidence, proposed_up};
 
-use crate::capture::{Capture, Part, part_of};
+use crate::capture::{Capture, CutPart, part_of};
 use crate::warnings::asset_warnings;
 
 /// An asset as it is open.
@@ -29,7 +29,7 @@ pub struct Splat {
     /// Part that the object is, where it is cut out of a splat.
     pub cut: Vec<Cut>,
     /// Cuts that it is made by.
-    pub part: Option<Part>,
+    pub part: Option<CutPart>,
     /// Gaussians of the object: all of the splat, or the part that is cut out.
     pub cloud: Arc<SurfelCloud>,
     /// Properties of the file, to be written again.
@@ -90,11 +90,11 @@ impl Splat {
             object.take_origin(capture.cloud.origin, DVec3::ZERO);
             let surfels = part_of(&path, &object, &capture.cloud)?;
             let capture = capture.clone();
-            Some(Part { capture, surfels })
+            Some(CutPart { capture, surfels })
         };
         let (cloud, file) = match &part {
             None => (capture.cloud.clone(), capture.file.clone()),
-            Some(Part { surfels, .. }) => (
+            Some(CutPart { surfels, .. }) => (
                 Arc::new(capture.cloud.selected(surfels)),
                 Arc::new(capture.file.part(surfels)),
             ),

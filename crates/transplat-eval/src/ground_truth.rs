@@ -50,11 +50,11 @@ struct Manifest {
 
 #[derive(Deserialize)]
 struct Set {
-    objects: BTreeMap<String, Object>,
+    objects: BTreeMap<String, ObjectFile>,
 }
 
 #[derive(Deserialize)]
-struct Object {
+struct ObjectFile {
     source_env: String,
     targets: Vec<String>,
     source_ply: Option<String>,
@@ -89,7 +89,7 @@ impl TruthObject {
         Ok(all)
     }
 
-    fn of(folder: &Path, set_name: &str, name: &str, object: &Object) -> Result<Self> {
+    fn of(folder: &Path, set_name: &str, name: &str, object: &ObjectFile) -> Result<Self> {
         let set = folder.join(set_name);
         let light = |name: &str| -> Result<TruthLight> {
             let named = |extension: &str| folder.join("envs").join(format!("{name}.{extension}"));

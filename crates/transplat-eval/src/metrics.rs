@@ -7,7 +7,7 @@ use transplat_core::rasterize::Raster;
 
 /// A picture as a display shows it on black: display-encoded, 0 to 1.
 #[derive(Clone, Debug)]
-pub struct Image {
+pub struct ComparedImage {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -23,7 +23,7 @@ const LEAST_ERROR: f64 = 1e-10;
 const WINDOW: f64 = 1.5;
 const WINDOW_RADIUS: usize = 5;
 
-impl Image {
+impl ComparedImage {
     /// Display values of surfels that were blended in display-encoded colour.
     pub fn of_display(raster: &Raster) -> Self {
         Self::map(raster, |[r, g, b, _]| [r, g, b])
@@ -161,9 +161,9 @@ impl Image {
 mod tests {
     use super::*;
 
-    fn picture(f: impl Fn(usize, usize) -> f32) -> Image {
+    fn picture(f: impl Fn(usize, usize) -> f32) -> ComparedImage {
         let (width, height) = (32, 24);
-        Image {
+        ComparedImage {
             width,
             height,
             pixels: (0..width * height)
@@ -182,7 +182,7 @@ mod tests {
             0.5 + 0.4 * ((x * y) as f32 * 0.1).sin() + 0.05 * ((x * 7 + y * 13) as f32).sin()
         });
         let worse = picture(|x, y| 0.5 + 0.4 * ((x + y) as f32 * 0.1).cos());
-        let scores = |p: &Image| {
+        let scores = |p: &ComparedImage| {
             [
                 p.psnr(&a, None).expect("one size"),
                 p.ssim(&a).expect("one size"),
@@ -203,7 +203,7 @@ mod tests {
         assert!((a.psnr(&b, None).expect("one size") - 10.0 * 200f64.log10()).abs() < 1e-3);
         let left: Vec<bool> = (0..32 * 24).map(|i| i % 32 < 16).collect();
         assert!((a.psnr(&b, Some(&left)).expect("one size") - 20.0).abs() < 1e-3);
-        let other = Image {
+        let other = ComparedImage {
             width: 24,
             height: 32,
             ..a.clone()
@@ -219,7 +219,7 @@ mod tests {
             pixels: vec![[0.1, 0.2, 0.4, 0.5], [0.0; 4]],
             depth: Vec::new(),
         };
-        let picture = Image::of_linear(&raster);
+        let picture = ComparedImage::of_linear(&raster);
         assert!((picture.pixels[0][1] - 0.5 * srgb_encode(0.4)).abs() < 1e-6);
         assert_eq!(picture.pixels[1], [0.0; 3]);
     }

@@ -22,7 +22,7 @@ use crate::context::{ComputePass, Context, Draws, RenderPass, Result};
 use crate::layout::gpu_struct;
 use crate::{CHUNK, shader};
 pub use order::Order;
-use order::{Drawn, Sorter};
+use order::{DrawnCount, Sorter};
 pub use target::Target;
 pub(crate) use target::{read_texture, write_texture};
 
@@ -534,8 +534,8 @@ impl GpuRasterizer {
             false => wgpu::LoadOp::Load,
         };
         let count = match &order.drawn {
-            Drawn::Count(count) => *count,
-            Drawn::Indirect(drawn) => {
+            DrawnCount::Count(count) => *count,
+            DrawnCount::Indirect(drawn) => {
                 let mut encoder = self.context.encoder();
                 draw.draw(
                     &mut encoder,

@@ -3,6 +3,8 @@
 mod actions;
 mod annotations;
 mod app;
+mod autosave;
+mod bookmarks;
 mod export;
 mod files;
 mod frame;
@@ -10,21 +12,20 @@ mod gestures;
 mod gizmo;
 mod history;
 mod inspector;
-mod kept;
 mod light_handles;
 mod light_library;
 mod light_map;
 mod measurements;
 mod menus;
 mod navigation;
-mod opened;
+mod open_file;
 mod overlays;
 mod panels;
 mod preferences;
 mod probe_export;
 mod probes;
+mod projection;
 mod rigs;
-mod screen;
 mod session;
 mod shortcuts;
 mod style;
@@ -34,7 +35,6 @@ mod timeline;
 mod viewport;
 mod widgets;
 mod window;
-mod work;
 
 use std::sync::Arc;
 
@@ -67,7 +67,7 @@ pub fn wgpu_setup(software_only: bool) -> WgpuSetup {
 /// # Errors
 /// There is no display, or no adapter that can draw.
 pub fn open(startup: Startup, software_only: bool) -> Result<()> {
-    transplat_engine::memory::keep_few_arenas();
+    transplat_engine::memory_trim::keep_few_arenas();
     let mut options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("transplat")

@@ -17,7 +17,7 @@ fn description(file: &Path) -> String {
     let paragraph = lines.map_while(|line| line.strip_prefix("//! "));
     let text = paragraph.collect::<Vec<_>>().join(" ");
     let sentence = text.split_once(". ").map_or(&*text, |(first, _)| first);
-    format!("{}.", sentence.trim_end_matches('.'))
+    format!("{}.", sentence.trim_end_matches('.')).replace(['[', ']'], "")
 }
 
 /// The folders of a crate's sources that have a module of their name, sorted.

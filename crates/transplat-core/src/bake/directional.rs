@@ -12,7 +12,7 @@ use super::directional_visibility::{
 use super::inferred_visibility::InferredVisibility;
 use super::open_object::OpenObject;
 use super::outward_side::{OutwardSide, OutwardSides};
-use super::strata::{DIRECTIONS, Found, Hit, MOST_SURFELS, PER_STRATUM, STRATA, directions};
+use super::strata::{DIRECTIONS, Hit, MOST_SURFELS, PER_STRATUM, STRATA, SurfelHits, directions};
 use super::trace::{MISS, PACKET, RaySurfel, Tracer, by_neighborhood};
 use super::visibility_clusters::VisibilityClusters;
 use crate::error::{Error, Result};
@@ -114,7 +114,7 @@ impl DirectionalBake {
     ) -> Result<Self> {
         let directions = directions();
         let (_, optimizations) = stages;
-        let by = |strata: &[usize], found: &mut [Found], progress: Progress<'_>| {
+        let by = |strata: &[usize], found: &mut [SurfelHits], progress: Progress<'_>| {
             let inferred_visibility = match optimizations.has(Optimization::InferredRays) {
                 true => InferredVisibility::of(&directions, strata, tracer.surfels.len()),
                 false => InferredVisibility::none(),
@@ -174,10 +174,10 @@ impl DirectionalBake {
             true => InferredVisibility::of_many(&directions, &strata),
             false => InferredVisibility::none(),
         };
-        let mut found: Vec<Found> = visibility_clusters
+        let mut found: Vec<SurfelHits> = visibility_clusters
             .leaders
             .iter()
-            .map(|i| Found::of(*i))
+            .map(|i| SurfelHits::of(*i))
             .collect();
         let rays = (&directions[..], &inferred_visibility);
         let no_progress = &crate::progress::no_progress;
@@ -249,7 +249,7 @@ impl DirectionalBake {
         cloud: &SurfelCloud,
         tracer: &Arc<Tracer>,
         (stages, optimizations): (&[usize], &Optimizations),
-        trace: impl Fn(&[usize], &mut [Found], Progress<'_>) -> Result<(), E>,
+        trace: impl Fn(&[usize], &mut [SurfelHits], Progress<'_>) -> Result<(), E>,
         progress: Progress<'_>,
         preview: impl Fn(Self, f32),
     ) -> Result<Self, E> {
@@ -288,11 +288,11 @@ impl DirectionalBake {
         });
         let is_closed =
             |f: &OutwardSide| optimizations.has(Optimization::ClosedSides) && f.hides_its_back();
-        let begin = |i: &u32| Found {
+        let begin = |i: &u32| SurfelHits {
             back_is_closed: is_closed(&tracer.outward_sides.of[*i as usize]),
-            ..Found::of(*i)
+            ..SurfelHits::of(*i)
         };
-        let mut found: Vec<Found> = visibility_clusters.leaders.iter().map(begin).collect();
+        let mut found: Vec<SurfelHits> = visibility_clusters.leaders.iter().map(begin).collect();
         let mut done = 0;
         let mut ends: Vec<usize> = stages.iter().map(|s| STRATA.div_ceil(*s)).collect();
         let shown = ends.clone();
@@ -327,7 +327,7 @@ impl DirectionalBake {
         cloud: &SurfelCloud,
         tracer: &Arc<Tracer>,
         visibility_clusters: &Arc<VisibilityClusters>,
-        found: &[Found],
+        found: &[SurfelHits],
     ) -> Self {
         let directions = &directions();
         let normals: Vec<Vec3> = (tracer.outward_sides.of.iter())
@@ -429,7 +429,7 @@ fn trace(
     tracer: &Tracer,
     rays: (&[Vec3], &InferredVisibility),
     strata: &[usize],
-    found: &mut [Found],
+    found: &mut [SurfelHits],
     progress: Progress<'_>,
 ) -> Result<()> {
     by_neighborhood(found, progress, |found| {
@@ -442,7 +442,7 @@ fn trace_neighborhood(
     tracer: &Tracer,
     (directions, inferred_visibility): (&[Vec3], &InferredVisibility),
     strata: &[usize],
-    found: &mut [Found],
+    found: &mut [SurfelHits],
 ) {
     let mut stack = Vec::new();
     let (mut places, mut asked) = (Vec::new(), Vec::new());
@@ -478,7 +478,7 @@ fn trace_neighborhood(
 }
 
 /// Share of the rays that were not traced, since they go into closed sides.
-fn closed_share(tracer: &Tracer, directions: &[Vec3], found: &[Found]) -> f32 {
+fn closed_share(tracer: &Tracer, directions: &[Vec3], found: &[SurfelHits]) -> f32 {
     let order = refining_order(STRATA);
     let skipped: usize = found
         .par_iter()
@@ -499,7 +499,7 @@ fn closed_share(tracer: &Tracer, directions: &[Vec3], found: &[Found]) -> f32 {
 
 /// Closes the backs from which the first patches saw nothing: all that their rays could tell is how much of a two-sided surfel it is, and it
 /// is none.
-fn close_backs(tracer: &Tracer, directions: &[Vec3], strata: &[usize], found: &mut [Found]) {
+fn close_backs(tracer: &Tracer, directions: &[Vec3], strata: &[usize], found: &mut [SurfelHits]) {
     let probes: Vec<usize> = (0..PER_STRATUM)
         .flat_map(|place| strata.iter().map(move |stratum| place * STRATA + stratum))
         .collect();
@@ -518,7 +518,7 @@ fn close_backs(tracer: &Tracer, directions: &[Vec3], strata: &[usize], found: &m
 }
 
 /// Gives patches that are not traced yet what the nearest one that is has.
-fn fill_unfinished_strata(directions: &[Vec3], done: &[usize], found: &mut [Found]) {
+fn fill_unfinished_strata(directions: &[Vec3], done: &[usize], found: &mut [SurfelHits]) {
     let nearest = |p: usize| {
         let cosine = |q: &usize| directions[p].dot(directions[*q]);
         let from = done
@@ -533,7 +533,7 @@ fn fill_unfinished_strata(directions: &[Vec3], done: &[usize], found: &mut [Foun
         for hit in &f.hits {
             met[hit.stratum()] = Some(hit.surfel() as u32);
         }
-        let before = std::mem::replace(f, Found::of(f.surfel));
+        let before = std::mem::replace(f, SurfelHits::of(f.surfel));
         for (p, q) in from.iter().enumerate() {
             let open = |place: usize| is_open(&before.open, place * STRATA + q);
             f.add(p, met[*q], std::array::from_fn(open));

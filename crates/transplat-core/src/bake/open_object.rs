@@ -5,7 +5,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::strata::{Found, PER_STRATUM, STRATA, directions};
+use super::strata::{PER_STRATUM, STRATA, SurfelHits, directions};
 use super::trace::Tracer;
 use crate::sh::refining_order;
 
@@ -101,11 +101,11 @@ impl OpenObject {
     }
 
     /// Hits of all rays of some surfels.
-    pub(super) fn found(&self, of: &[u32]) -> Vec<Found> {
+    pub(super) fn found(&self, of: &[u32]) -> Vec<SurfelHits> {
         let directions = directions();
         of.par_iter()
             .map(|i| {
-                let mut found = Found::of(*i);
+                let mut found = SurfelHits::of(*i);
                 for (j, d) in directions.iter().enumerate() {
                     found.set_open(j, self.is_open(*i as usize, *d));
                 }

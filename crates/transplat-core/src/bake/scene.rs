@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Quat, Vec3};
 
 use super::directional::DirectionalBake;
-use super::surroundings::{Detail, Placed, Surroundings};
+use super::surroundings::{Detail, InterObjectVisibility, PlacedObject};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -13,9 +13,9 @@ use crate::progress::Progress;
 #[derive(Clone, Debug)]
 pub struct SceneBake {
     /// The objects where they stand.
-    pub objects: Vec<Placed>,
+    pub objects: Vec<PlacedObject>,
     /// Inter-object visibility of each object.
-    pub surroundings: Vec<Arc<Surroundings>>,
+    pub surroundings: Vec<Arc<InterObjectVisibility>>,
     /// Unit normals towards the front, in the scene's coordinates. `[n]`
     pub normals: Vec<Vec3>,
 }
@@ -25,7 +25,7 @@ impl SceneBake {
     ///
     /// # Errors
     /// They have more surfels than can be told apart, or [`crate::error::Error::Cancelled`] when `progress` asked for it.
-    pub fn new(objects: Vec<Placed>, progress: Progress<'_>) -> Result<Self> {
+    pub fn new(objects: Vec<PlacedObject>, progress: Progress<'_>) -> Result<Self> {
         Self::in_detail(objects, Detail::Full, progress)
     }
 
@@ -33,7 +33,11 @@ impl SceneBake {
     ///
     /// # Errors
     /// As [`SceneBake::new`].
-    pub fn in_detail(objects: Vec<Placed>, detail: Detail, progress: Progress<'_>) -> Result<Self> {
+    pub fn in_detail(
+        objects: Vec<PlacedObject>,
+        detail: Detail,
+        progress: Progress<'_>,
+    ) -> Result<Self> {
         let total: usize = objects.iter().map(|o| o.bake.len()).sum();
         let mut surroundings = Vec::new();
         let mut done = 0;
@@ -41,7 +45,7 @@ impl SceneBake {
             let share = object.bake.len();
             let of_all =
                 |part: f64| progress((done as f64 + part * share as f64) / total.max(1) as f64);
-            surroundings.push(Arc::new(Surroundings::trace(
+            surroundings.push(Arc::new(InterObjectVisibility::trace(
                 &objects, which, detail, &of_all,
             )?));
             done += share;
@@ -115,7 +119,7 @@ impl SceneBake {
     }
 }
 
-impl Placed {
+impl PlacedObject {
     /// Its turn.
     pub fn turn(&self) -> Quat {
         let (_, turn, _) = self.scene_from_object.to_scale_rotation_translation();

@@ -95,7 +95,7 @@ impl Hit {
 
 /// Hits of the rays of one surfel.
 #[derive(Clone, Debug, Default)]
-pub struct Found {
+pub struct SurfelHits {
     /// Index of the surfel that they start from.
     pub surfel: u32,
     pub(crate) open: [u64; WORDS],
@@ -106,7 +106,7 @@ pub struct Found {
     pub(crate) told: u16,
 }
 
-impl Found {
+impl SurfelHits {
     /// Nothing yet.
     pub fn of(surfel: u32) -> Self {
         Self {

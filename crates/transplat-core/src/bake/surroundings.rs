@@ -17,7 +17,7 @@ use crate::progress::Progress;
 
 /// An object of a scene, as rays see it.
 #[derive(Clone, Debug)]
-pub struct Placed {
+pub struct PlacedObject {
     /// Visibility of the object alone.
     pub bake: Arc<DirectionalBake>,
     /// From its coordinates to the scene's: a turn, a move, and one scale for all axes.
@@ -26,7 +26,7 @@ pub struct Placed {
     pub whole: Option<Arc<DirectionalBake>>,
 }
 
-impl Placed {
+impl PlacedObject {
     /// True where both are parts of one capture, which knows how they were lit side by side.
     pub fn is_of_capture_of(&self, other: &Self) -> bool {
         matches!((&self.whole, &other.whole), (Some(a), Some(b)) if Arc::ptr_eq(a, b))
@@ -56,7 +56,7 @@ struct Other {
     ball: (Vec3, f32),
     /// Its first surfel among those of the scene.
     first: u32,
-    /// True where a surfel's own layer stack may go on in it, see [`Placed::is_one_body_with`].
+    /// True where a surfel's own layer stack may go on in it, see [`PlacedObject::is_one_body_with`].
     is_one_body: bool,
 }
 
@@ -135,7 +135,7 @@ impl Detail {
 
 /// Inter-object visibility of an object's surfels in a scene.
 #[derive(Clone, Debug)]
-pub struct Surroundings {
+pub struct InterObjectVisibility {
     /// Directional visibility of each surfel; hits count the surfels of all objects of the scene.
     pub directional_visibility: DirectionalVisibility,
     /// The object's first surfel among those of the scene.
@@ -147,20 +147,20 @@ pub struct Surroundings {
 
 /// Change of a surfel's visibility where other objects are.
 #[derive(Clone, Default)]
-struct Change {
+struct VisibilityChange {
     /// Directions that are not open any more.
     closed: [u64; WORDS],
     /// Hits that there are now.
     hits: Vec<Hit>,
 }
 
-impl Surroundings {
+impl InterObjectVisibility {
     /// Traces the rays of one of the objects of a scene that may meet another.
     ///
     /// # Errors
     /// The objects have more surfels than can be told apart, or [`Error::Cancelled`] when `progress` asked for it.
     pub fn trace(
-        objects: &[Placed],
+        objects: &[PlacedObject],
         which: usize,
         detail: Detail,
         progress: Progress<'_>,
@@ -262,7 +262,7 @@ impl Surroundings {
     }
 }
 
-impl Change {
+impl VisibilityChange {
     /// Closes a direction, unless the surfel's own object does so.
     fn close(&mut self, j: usize, was_open: bool) {
         self.closed[j / 64] |= u64::from(was_open) << (j % 64);
@@ -289,10 +289,13 @@ fn changes(
     others: &[Other],
     detail: Detail,
     progress: Progress<'_>,
-) -> Result<Vec<Change>> {
+) -> Result<Vec<VisibilityChange>> {
     let directions = directions();
     let leaders = &own.directional_visibility.visibility_clusters.leaders;
-    let mut rows: Vec<(u32, Change)> = leaders.iter().map(|i| (*i, Change::default())).collect();
+    let mut rows: Vec<(u32, VisibilityChange)> = leaders
+        .iter()
+        .map(|i| (*i, VisibilityChange::default()))
+        .collect();
     let each = detail.rows_joined(rows.len());
     by_neighborhood(&mut rows, progress, |rows| {
         let of: Vec<u32> = rows.iter().step_by(each).map(|(i, _)| *i).collect();
@@ -312,9 +315,9 @@ fn neighborhood(
     others: &[Other],
     directions: &[Vec3],
     of: &[u32],
-) -> Vec<Change> {
+) -> Vec<VisibilityChange> {
     let mut stack = Vec::new();
-    let mut changes = vec![Change::default(); of.len()];
+    let mut changes = vec![VisibilityChange::default(); of.len()];
     // Patches whose first ray meets the object itself.
     let strata = |i: &u32| {
         let hits = own.directional_visibility.hits_of(*i as usize).iter();
@@ -379,10 +382,14 @@ fn neighborhood(
 }
 
 /// Visibility of the surfels with these changes, `[rows]`.
-fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> DirectionalVisibility {
+fn changed(
+    own: &DirectionalBake,
+    first: u32,
+    changes: &[VisibilityChange],
+) -> DirectionalVisibility {
     let directions = directions();
     let visibility_clusters = &own.directional_visibility.visibility_clusters;
-    let of_row = |(row, change): (usize, &Change)| {
+    let of_row = |(row, change): (usize, &VisibilityChange)| {
         let i = visibility_clusters.leaders[row] as usize;
         let mut open = own.directional_visibility.open[row];
         for (word, closed) in open.iter_mut().zip(change.closed) {

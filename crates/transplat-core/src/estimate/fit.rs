@@ -48,7 +48,7 @@ const SUN_PRECISION: f64 = 1e-3;
 
 /// A sun with how the clusters see it.
 #[derive(Clone)]
-pub(super) struct Sun {
+pub(super) struct FittedSun {
     pub direction: Vec3,
     /// Irradiance of a cluster by a sun of energy 1. `[c]`
     pub seen: Vec<f64>,
@@ -60,7 +60,7 @@ pub(super) struct Sun {
 pub(super) struct FittedLight {
     /// Coefficients of [`sky_basis`]. `[3][SKY]`
     pub sky: [Vec<f64>; 3],
-    pub sun: Option<Sun>,
+    pub sun: Option<FittedSun>,
 }
 
 impl FittedLight {

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::clusters::{Clusters, NONE};
-use super::fit::{Fit, Fitted, FittedLight, Sun, sky_basis};
+use super::fit::{Fit, Fitted, FittedLight, FittedSun, sky_basis};
 use crate::bake::directional::DirectionalBake;
 use crate::error::Result;
 use crate::progress::{Progress, part, tell};
@@ -78,7 +78,7 @@ fn begin(fit: &Fit<'_>, sky: &FittedLight, bake: &DirectionalBake) -> Option<Fit
             .sky
             .clone()
             .map(|s| s.iter().map(|y| LEFT * y).collect()),
-        sun: Some(Sun {
+        sun: Some(FittedSun {
             direction: *peak,
             seen: seen(fit.clusters, *peak, bake),
             log_energy: energy.map(f64::ln),

@@ -23,12 +23,12 @@ pub struct Case {
     /// Property that must hold beside that all numbers are finite.
     pub property: &'static str,
     /// The asset, or why it cannot be one: what a loader refuses is as good.
-    pub(super) make: fn() -> Result<Input>,
+    pub(super) make: fn() -> Result<CaseInput>,
     pub(super) check: fn(&Trial<'_>) -> std::result::Result<(), String>,
 }
 
 /// Inputs of a case.
-pub struct Input {
+pub struct CaseInput {
     /// The asset.
     pub cloud: SurfelCloud,
     /// The light of the capture.

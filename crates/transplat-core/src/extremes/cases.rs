@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::case::{Case, Input, REFUSED, Trial, bake};
+use super::case::{Case, CaseInput, REFUSED, Trial, bake};
 use crate::color::Encoding;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::error::Result;
@@ -31,9 +31,13 @@ pub fn all() -> Vec<Case> {
 }
 
 /// Property that must hold, and its check.
-type Property = (&'static str, Check);
+type CaseProperty = (&'static str, Check);
 
-fn case(name: &'static str, (property, check): Property, make: fn() -> Result<Input>) -> Case {
+fn case(
+    name: &'static str,
+    (property, check): CaseProperty,
+    make: fn() -> Result<CaseInput>,
+) -> Case {
     Case {
         name,
         property,
@@ -42,12 +46,12 @@ fn case(name: &'static str, (property, check): Property, make: fn() -> Result<In
     }
 }
 
-const BOUNDED: Property = ("bounded", bounded);
-const SCALE_INVARIANT: Property = ("scale-invariant", scale_invariant);
-const BLACK: Property = ("black", black);
-const AS_AT_UNIT_SCALE: Property = ("as at scale 1", as_at_unit_scale);
-const FINITE: Property = ("finite", nothing_more);
-const IS_REFUSED: Property = (REFUSED, nothing_more);
+const BOUNDED: CaseProperty = ("bounded", bounded);
+const SCALE_INVARIANT: CaseProperty = ("scale-invariant", scale_invariant);
+const BLACK: CaseProperty = ("black", black);
+const AS_AT_UNIT_SCALE: CaseProperty = ("as at scale 1", as_at_unit_scale);
+const FINITE: CaseProperty = ("finite", nothing_more);
+const IS_REFUSED: CaseProperty = (REFUSED, nothing_more);
 
 fn nothing_more(_: &Trial<'_>) -> std::result::Result<(), String> {
     Ok(())
@@ -80,8 +84,8 @@ fn other_sky(d: DVec3) -> [f32; 3] {
     [1.5 * side, side, 0.7 * side]
 }
 
-fn usual() -> Input {
-    Input {
+fn usual() -> CaseInput {
+    CaseInput {
         cloud: cloud(),
         source: map(sky),
         target: map(other_sky),
@@ -91,39 +95,39 @@ fn usual() -> Input {
     }
 }
 
-fn with_source(radiance: impl Fn(DVec3) -> [f32; 3] + Sync) -> Result<Input> {
-    Ok(Input {
+fn with_source(radiance: impl Fn(DVec3) -> [f32; 3] + Sync) -> Result<CaseInput> {
+    Ok(CaseInput {
         source: map(radiance),
         ..usual()
     })
 }
 
-fn with_target(radiance: impl Fn(DVec3) -> [f32; 3] + Sync) -> Result<Input> {
-    Ok(Input {
+fn with_target(radiance: impl Fn(DVec3) -> [f32; 3] + Sync) -> Result<CaseInput> {
+    Ok(CaseInput {
         target: map(radiance),
         ..usual()
     })
 }
 
-fn with_cloud(change: impl Fn(&mut SurfelCloud)) -> Result<Input> {
+fn with_cloud(change: impl Fn(&mut SurfelCloud)) -> Result<CaseInput> {
     let mut cloud = cloud();
     change(&mut cloud);
-    Ok(Input { cloud, ..usual() })
+    Ok(CaseInput { cloud, ..usual() })
 }
 
-fn with_epsilon(epsilon: f32) -> Result<Input> {
-    Ok(Input {
+fn with_epsilon(epsilon: f32) -> Result<CaseInput> {
+    Ok(CaseInput {
         epsilon: Some(epsilon),
         ..usual()
     })
 }
 
-fn with_degree(degree: usize) -> Result<Input> {
-    Ok(Input { degree, ..usual() })
+fn with_degree(degree: usize) -> Result<CaseInput> {
+    Ok(CaseInput { degree, ..usual() })
 }
 
-fn strong(gains: [f32; 2]) -> Result<Input> {
-    Ok(Input { gains, ..usual() })
+fn strong(gains: [f32; 2]) -> Result<CaseInput> {
+    Ok(CaseInput { gains, ..usual() })
 }
 
 fn resize(cloud: &mut SurfelCloud, factor: f32) {
@@ -340,13 +344,13 @@ fn lights() -> Vec<Case> {
             },
         ),
         case("a map of one pixel", BOUNDED, || {
-            Ok(Input {
+            Ok(CaseInput {
                 target: EnvironmentMap::new(1, 1, vec![[2.0, 1.0, 0.5]]),
                 ..usual()
             })
         }),
         case("maps of one row and of one column", BOUNDED, || {
-            Ok(Input {
+            Ok(CaseInput {
                 source: EnvironmentMap::new(512, 1, vec![[1.0; 3]; 512]),
                 target: EnvironmentMap::new(1, 512, vec![[0.5, 1.0, 1.0]; 512]),
                 ..usual()
@@ -355,7 +359,7 @@ fn lights() -> Vec<Case> {
         case("a map 16384 pixels wide", BOUNDED, || {
             let (width, height) = (16384, 256);
             let pixels = (0..width * height).map(|i| [0.5 + (i % 7) as f32; 3]);
-            Ok(Input {
+            Ok(CaseInput {
                 target: EnvironmentMap::new(width, height, pixels.collect()),
                 ..usual()
             })

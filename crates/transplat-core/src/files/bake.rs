@@ -14,7 +14,7 @@ use crate::bake::directional::DirectionalBake;
 use crate::bake::harmonic::{DIRECTIONS, HarmonicBake};
 use crate::bake::outward_side::{OutwardSide, OutwardSides};
 use crate::bake::strata;
-use crate::bake::strata::{Found, Hit, MOST_SURFELS, STRATA, WORDS};
+use crate::bake::strata::{Hit, MOST_SURFELS, STRATA, SurfelHits, WORDS};
 use crate::bake::trace::Tracer;
 use crate::bake::visibility_clusters::VisibilityClusters;
 use crate::bake::{Bake, check_method};
@@ -259,7 +259,7 @@ fn found_in(
     bytes: &[u8],
     n: usize,
     rows: usize,
-) -> Option<(OutwardSides, VisibilityClusters, Vec<Found>)> {
+) -> Option<(OutwardSides, VisibilityClusters, Vec<SurfelHits>)> {
     let (outward_sides, rest) = bytes.split_at_checked(size_of::<OutwardSide>() * n)?;
     let outward_sides = OutwardSides {
         of: read_all(outward_sides)?,
@@ -276,14 +276,14 @@ fn found_in(
     if !whole || hits.iter().any(|h| h.surfel() >= n) {
         return None;
     }
-    let found: Option<Vec<Found>> = (visibility_clusters.leaders.iter().zip(open))
+    let found: Option<Vec<SurfelHits>> = (visibility_clusters.leaders.iter().zip(open))
         .zip(starts.windows(2))
         .map(|((surfel, open), range)| {
             let hits = hits.get(range[0] as usize..range[1] as usize)?.to_vec();
-            (hits.len() <= STRATA).then_some(Found {
+            (hits.len() <= STRATA).then_some(SurfelHits {
                 open,
                 hits,
-                ..Found::of(*surfel)
+                ..SurfelHits::of(*surfel)
             })
         })
         .collect();

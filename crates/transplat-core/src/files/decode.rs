@@ -136,14 +136,14 @@ impl<R: Read + Seek> Archive<R> {
 }
 
 /// A PNG, JPEG or WebP image that was not decoded yet.
-pub struct Picture<D> {
+pub struct DecodedImage<D> {
     decoder: D,
     /// Width and height of what is decoded, before it is turned.
     stored: [usize; 2],
 }
 
 /// Reads the header of a PNG, JPEG or WebP image.
-pub fn picture<'a>(file: impl BufRead + Seek + 'a) -> Result<Picture<impl ImageDecoder + 'a>> {
+pub fn picture<'a>(file: impl BufRead + Seek + 'a) -> Result<DecodedImage<impl ImageDecoder + 'a>> {
     guarded("the image", || {
         let reader = ImageReader::new(file).with_guessed_format();
         let decoder = reader
@@ -152,11 +152,11 @@ pub fn picture<'a>(file: impl BufRead + Seek + 'a) -> Result<Picture<impl ImageD
             .map_err(|e| e.to_string())?;
         let (width, height) = decoder.dimensions();
         let stored = [width as usize, height as usize];
-        Ok::<_, String>(Picture { decoder, stored })
+        Ok::<_, String>(DecodedImage { decoder, stored })
     })
 }
 
-impl<D: ImageDecoder> Picture<D> {
+impl<D: ImageDecoder> DecodedImage<D> {
     /// Width and height as it is meant to be seen (EXIF orientation).
     pub fn size(&mut self) -> [usize; 2] {
         use image::metadata::Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::written::Written;
+use super::written::WritableSplat;
 use super::{gltf, ply, sog, splat, spz};
 use crate::color::Encoding;
 use crate::error::{Error, Result};
@@ -178,7 +178,7 @@ impl Rounding {
 /// Brings Gaussians into an order that a format holds well: the file's own, or one in which chunks are small where they would span far too much.
 ///
 /// What lies far off comes last, each octave of distance by itself: a chunk with one floater in it spans the way there.
-pub(super) fn arrange(format: SplatFormat, splat: &mut Written<'_>) {
+pub(super) fn arrange(format: SplatFormat, splat: &mut WritableSplat<'_>) {
     let is_seen = || rounding(format, splat).is_some_and(|r| r.is_seen());
     if format == SplatFormat::CompressedPly && is_seen() {
         let positions = || {
@@ -201,7 +201,7 @@ pub(super) fn arrange(format: SplatFormat, splat: &mut Written<'_>) {
 }
 
 /// Rounding of a splat's positions in a format.
-pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Rounding> {
+pub(super) fn rounding(format: SplatFormat, splat: &WritableSplat<'_>) -> Option<Rounding> {
     let cloud = splat.cloud;
     let place = |i: u32| cloud.origin + cloud.positions[i as usize].as_dvec3();
     let in_floats = |p: DVec3| 2.0 * (p - p.as_vec3().as_dvec3()).abs().max_element();
@@ -256,7 +256,7 @@ pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Round
 /// Writes a splat in a format that is written.
 pub(super) fn write(
     format: SplatFormat,
-    splat: &Written<'_>,
+    splat: &WritableSplat<'_>,
     out: &mut (impl Write + Seek),
 ) -> std::io::Result<()> {
     match format {

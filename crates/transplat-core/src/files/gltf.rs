@@ -48,8 +48,8 @@ struct Document {
     buffer_views: Vec<BufferView>,
     accessors: Vec<Accessor>,
     meshes: Vec<Mesh>,
-    nodes: Vec<Node>,
-    scenes: Vec<Scene>,
+    nodes: Vec<GltfNode>,
+    scenes: Vec<GltfScene>,
     scene: usize,
     extensions_required: Vec<String>,
 }
@@ -83,7 +83,7 @@ struct Primitive {
 
 #[derive(Default, Deserialize)]
 #[serde(default)]
-struct Node {
+struct GltfNode {
     mesh: Option<usize>,
     children: Vec<usize>,
     matrix: Option<[f64; 16]>,
@@ -93,12 +93,12 @@ struct Node {
 }
 
 #[derive(Deserialize)]
-struct Scene {
+struct GltfScene {
     #[serde(default)]
     nodes: Vec<usize>,
 }
 
-impl Node {
+impl GltfNode {
     fn parent_from_node(&self) -> DAffine3 {
         if let Some(matrix) = &self.matrix {
             return DAffine3::from_mat4(DMat4::from_cols_array(matrix));
@@ -299,7 +299,7 @@ fn read_document(path: &Path, document: &Document, buffers: &[Cow<'_, [u8]>]) ->
 }
 
 /// The nodes of the scene, or all where there is none, each with where it is.
-fn placed_nodes(document: &Document) -> std::result::Result<Vec<(&Node, DAffine3)>, String> {
+fn placed_nodes(document: &Document) -> std::result::Result<Vec<(&GltfNode, DAffine3)>, String> {
     let inner: HashSet<usize> = (document.nodes.iter())
         .flat_map(|n| n.children.iter().copied())
         .collect();

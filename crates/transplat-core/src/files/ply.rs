@@ -37,7 +37,7 @@ pub(super) fn read(
         let finished = compressed::read(path, reader, file_bytes, &header)?;
         return Ok((finished, None));
     }
-    let layout = Layout::find(&header).map_err(invalid)?;
+    let layout = PlyLayout::find(&header).map_err(invalid)?;
     let available = file_bytes.saturating_sub(header.bytes);
     let ascii = header.format == Format::Ascii;
     // The least that the claimed rows take: so nothing is allocated that the file could not fill.
@@ -89,7 +89,7 @@ fn fill(
     path: &Path,
     reader: &mut (impl BufRead + Seek),
     header: &Header,
-    layout: &Layout,
+    layout: &PlyLayout,
 ) -> Result<Builder> {
     let invalid = |message: String| Error::invalid(path, message);
     let mut rows =
@@ -136,7 +136,7 @@ fn motion_warning(header: &Header) -> Option<String> {
 fn read_binary(
     reader: &mut (impl BufRead + Seek),
     header: &Header,
-    layout: &Layout,
+    layout: &PlyLayout,
     cloud: &mut Builder,
 ) -> std::io::Result<()> {
     reader.seek(SeekFrom::Start(header.bytes + header.skip))?;
@@ -180,7 +180,7 @@ fn read_ascii(
     path: &Path,
     reader: &mut impl BufRead,
     header: &Header,
-    layout: &Layout,
+    layout: &PlyLayout,
     cloud: &mut Builder,
 ) -> Result<()> {
     let invalid = |message: String| Error::invalid(path, message);
@@ -239,7 +239,7 @@ fn read_ascii(
 }
 
 /// Indices of the properties that make a surfel.
-struct Layout {
+struct PlyLayout {
     position: [usize; 3],
     /// True where positions are stored in more than 32-bit floats.
     position_is_wide: bool,
@@ -259,7 +259,7 @@ struct Layout {
     are_shares: bool,
 }
 
-impl Layout {
+impl PlyLayout {
     fn find(header: &Header) -> Result<Self, String> {
         if let Some(other) = no_splat(header) {
             return Err(other);

@@ -221,7 +221,7 @@ impl Tally {
 }
 
 /// Encoding of the rows, by all of them.
-pub(super) struct Found {
+pub(super) struct RowEncoding {
     pub third_scale_is_zero: bool,
     /// Scales are lengths, not logarithms.
     pub are_lengths: bool,
@@ -279,7 +279,7 @@ impl Builder {
     }
 
     /// Encoding of the rows, by all of them.
-    pub(super) fn found(&self) -> Found {
+    pub(super) fn found(&self) -> RowEncoding {
         let tally = &self.tally;
         // As logarithms they would be as large as the object, and as lengths they are not.
         let is_large = || {
@@ -289,7 +289,7 @@ impl Builder {
         };
         let is_activated = tally.least_log > 0.0 && is_large();
         let has_shares = tally.least_logit >= 0.0 && tally.most_logit <= 1.0;
-        Found {
+        RowEncoding {
             third_scale_is_zero: tally.third_scale_is_zero && tally.least_log < 0.0,
             are_lengths: is_activated,
             are_shares: is_activated && has_shares,

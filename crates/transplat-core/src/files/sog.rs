@@ -130,13 +130,13 @@ fn lerp(a: f32, b: f32, share: f32) -> f32 {
 }
 
 /// Where the files are.
-enum Source {
+enum SogSource {
     Folder(PathBuf),
     /// An archive, and the folder in it that holds them, with its slash.
     Bundle(Box<Archive<Input>>, String),
 }
 
-impl Source {
+impl SogSource {
     fn open(path: &Path) -> Result<Self> {
         let invalid = |why: String| Error::invalid(path, why);
         let mut file = read::open(path)?;
@@ -173,14 +173,14 @@ impl Source {
 
 /// Reads a splat from its `meta.json`, or from a bundle.
 pub(super) fn read(path: &Path) -> Result<Finished> {
-    let mut source = Source::open(path)?;
+    let mut source = SogSource::open(path)?;
     read_source(path, &mut source).map_err(|message| Error::invalid(path, message))
 }
 
-fn read_source(path: &Path, source: &mut Source) -> std::result::Result<Finished, String> {
+fn read_source(path: &Path, source: &mut SogSource) -> std::result::Result<Finished, String> {
     let text = match source {
-        Source::Folder(_) => read::read_all(path, MAX_META_BYTES).map_err(|e| e.to_string())?,
-        Source::Bundle(..) => source.read(META, MAX_META_BYTES)?,
+        SogSource::Folder(_) => read::read_all(path, MAX_META_BYTES).map_err(|e| e.to_string())?,
+        SogSource::Bundle(..) => source.read(META, MAX_META_BYTES)?,
     };
     let meta: Meta = decode::json(&text).map_err(|e| format!("not a SOG splat: {e}"))?;
     let version = meta.version.unwrap_or(1);

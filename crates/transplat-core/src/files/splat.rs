@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::packed::{Fields, color_of_dc, dc_of_color, logit};
 use super::rows::{Builder, Finished, SplatKind, StoredRow};
-use super::written::Written;
+use super::written::WritableSplat;
 use crate::error::{Error, Result};
 
 /// Bytes of a Gaussian: position, scales, colour with opacity, rotation.
@@ -63,7 +63,7 @@ pub(super) fn read(path: &Path, reader: &mut impl Read, file_bytes: u64) -> Resu
 }
 
 /// Writes a splat.
-pub(super) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Result<()> {
+pub(super) fn write(splat: &WritableSplat<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let byte = |v: f32| v.round().clamp(0.0, 255.0) as u8;
     splat.write_each(out, |g, bytes| {
         let scales = g.log_scales.map(f32::exp);

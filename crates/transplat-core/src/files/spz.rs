@@ -12,7 +12,7 @@ use super::decode;
 use super::packed::{Fields, logit, with_largest, without_largest};
 use super::read::{SPZ as MAGIC, read_exactly};
 use super::rows::{Builder, Finished, SplatKind, StoredRow, check_count};
-use super::written::Written;
+use super::written::WritableSplat;
 use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
 use crate::surfels::UpAxis;
@@ -42,7 +42,7 @@ const LEAST_LOG: f32 = -10.0;
 /// Magnitude of a rotation's component in 9 bits.
 const MOST_MAGNITUDE: f32 = 511.0;
 
-struct Header {
+struct SpzHeader {
     version: u32,
     points: u32,
     degree: usize,
@@ -53,7 +53,7 @@ struct Header {
     lengths_at: u64,
 }
 
-impl Header {
+impl SpzHeader {
     fn parse(bytes: &[u8; 16]) -> std::result::Result<Self, String> {
         let mut fields = Fields(bytes);
         let magic = fields.u32().to_le_bytes();
@@ -174,7 +174,7 @@ fn rotation(mut fields: Fields<'_>, version: u32) -> [f32; 4] {
     [w, x, y, z]
 }
 
-type Contents = (Header, Vec<u8>, Vec<u8>);
+type Contents = (SpzHeader, Vec<u8>, Vec<u8>);
 
 /// Versions 1 to 3: everything in one gzip stream.
 fn read_gzip(
@@ -185,7 +185,7 @@ fn read_gzip(
     let mut gzip = decode::gunzip(reader);
     let mut head = [0; 16];
     gzip.read_exact(&mut head).map_err(broken)?;
-    let header = Header::parse(&head)?;
+    let header = SpzHeader::parse(&head)?;
     check_count(u64::from(header.points), file_bytes)?;
     let expected = header.points as u64 * header.sizes().iter().sum::<usize>() as u64;
     let body = read_exactly(&mut gzip, expected).map_err(broken)?;
@@ -209,7 +209,7 @@ fn read_frames(
     let mut head = [0; 32];
     reader.read_exact(&mut head).map_err(broken)?;
     let (first, rest) = head.split_first_chunk().expect("32 bytes");
-    let mut header = Header::parse(first)?;
+    let mut header = SpzHeader::parse(first)?;
     if header.version != 4 {
         return Err(format!(
             "is SPZ of version {} without its gzip stream",
@@ -283,7 +283,7 @@ fn up_of(mut extensions: &[u8]) -> Option<UpAxis> {
 }
 
 /// Writes a splat as version 3, which all readers know.
-pub(super) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Result<()> {
+pub(super) fn write(splat: &WritableSplat<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let mut gzip = GzEncoder::new(out, Compression::default());
     let degree = splat.degree.min(MAX_DEGREE);
     let fractional_bits = fractional_bits(splat);
@@ -329,12 +329,12 @@ pub(super) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Resul
 }
 
 /// Quantum of a splat's positions.
-pub(super) fn position_step(splat: &Written<'_>) -> f64 {
+pub(super) fn position_step(splat: &WritableSplat<'_>) -> f64 {
     (-f64::from(fractional_bits(splat))).exp2()
 }
 
 /// As many as leave room for the farthest position.
-fn fractional_bits(splat: &Written<'_>) -> u8 {
+fn fractional_bits(splat: &WritableSplat<'_>) -> u8 {
     let farthest = splat.farthest().max(1e-30);
     (22.0 - farthest.log2().floor()).clamp(0.0, 23.0) as u8
 }

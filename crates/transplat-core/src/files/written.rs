@@ -17,7 +17,7 @@ const FLAT_LOG: f32 = -30.0;
 const BLOCK: usize = 1 << 12;
 
 /// A splat that is to be written.
-pub(super) struct Written<'a> {
+pub(super) struct WritableSplat<'a> {
     pub cloud: &'a SurfelCloud,
     /// Colour `[n][K][3]` as [`crate::color::Encoding::Stored`] has it.
     pub stored: &'a [[f32; 3]],
@@ -81,7 +81,7 @@ pub(super) const MATERIAL: [MaterialProperty; 5] = {
     ]
 };
 
-impl<'a> Written<'a> {
+impl<'a> WritableSplat<'a> {
     pub fn new(cloud: &'a SurfelCloud, stored: &'a [[f32; 3]], order: Vec<u32>) -> Self {
         let is_antialiased = |i: &&u32| cloud.thicknesses[**i as usize].is_antialiased();
         let antialiased = order.iter().filter(is_antialiased).count();

@@ -13,7 +13,7 @@ const MIN_TRANSMITTANCE: f32 = 1e-4;
 
 /// A row of pixels.
 #[derive(Clone, Copy)]
-struct Row {
+struct PixelRow {
     color: [Lanes; 3],
     depth: Lanes,
     transmittance: Lanes,
@@ -21,7 +21,7 @@ struct Row {
     open: Lanes,
 }
 
-impl Row {
+impl PixelRow {
     const EMPTY: Self = Self {
         color: [Lanes::ZERO; 3],
         depth: Lanes::ZERO,
@@ -43,7 +43,7 @@ impl Row {
     #[inline(always)]
     fn blend<const GAUSSIAN: bool>(
         &mut self,
-        (surfel, color): &Splat<'_>,
+        (surfel, color): &TileSplat<'_>,
         x: Lanes,
         y: f32,
         near: f32,
@@ -64,12 +64,12 @@ impl Row {
 }
 
 /// A surfel with its colour.
-pub(super) type Splat<'a> = (&'a ProjectedSurfel, [f32; 3]);
+pub(super) type TileSplat<'a> = (&'a ProjectedSurfel, [f32; 3]);
 
 /// A part of the picture.
 pub(super) struct Tile {
-    rows: [Row; TILE],
-    /// [`Row::open`] of each, as it was last looked at.
+    rows: [PixelRow; TILE],
+    /// [`PixelRow::open`] of each, as it was last looked at.
     open: [u16; TILE],
     /// Position of its first pixel in the image.
     corner: [usize; 2],
@@ -80,7 +80,7 @@ pub(super) struct Tile {
 impl Tile {
     /// One at a place of a picture of a size, in which places are told by so many pixels.
     pub fn new(corner: [usize; 2], size: [usize; 2], grain: usize) -> Self {
-        let mut rows = [Row::EMPTY; TILE];
+        let mut rows = [PixelRow::EMPTY; TILE];
         let inside = [0, 1].map(|i| (size[i] - corner[i]).min(TILE));
         for (y, row) in rows.iter_mut().enumerate() {
             for (x, open) in row.open.0.iter_mut().enumerate() {
@@ -130,7 +130,7 @@ impl Tile {
     }
 
     /// Blends surfels behind what is there, nearest first; nothing is seen nearer than `near`.
-    pub fn blend(&mut self, splats: &[Splat<'_>], near: f32) {
+    pub fn blend(&mut self, splats: &[TileSplat<'_>], near: f32) {
         blend(self, splats, near);
         self.note_open();
     }
@@ -144,7 +144,7 @@ impl Tile {
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn blend(tile: &mut Tile, splats: &[Splat<'_>], near: f32) {
+fn blend(tile: &mut Tile, splats: &[TileSplat<'_>], near: f32) {
     for splat in splats {
         let surfel = splat.0;
         let ([top, bottom], columns) = tile.touched(surfel.touches);

@@ -18,7 +18,7 @@ const MOST_PIECES: usize = 64;
 
 /// An object as a camera sees it.
 #[derive(Clone, Copy, Debug)]
-pub struct Placed<'a> {
+pub struct PlacedSplat<'a> {
     /// Its surfels.
     pub cloud: &'a SurfelCloud,
     /// The view in its coordinates and unit, [`Camera::seen_from`].
@@ -33,7 +33,7 @@ pub struct Placed<'a> {
     pub one_of: usize,
 }
 
-impl<'a> Placed<'a> {
+impl<'a> PlacedSplat<'a> {
     /// The only object, in the scene's own coordinates.
     pub fn alone(cloud: &'a SurfelCloud, camera: &Camera, hidden: &'a [bool]) -> Self {
         Self {
@@ -58,8 +58,8 @@ impl<'a> Placed<'a> {
 }
 
 /// Surfels that are projected and listed at once: those that follow each other in one object.
-struct Piece<'a, 'b> {
-    object: &'b Placed<'a>,
+struct SurfelRange<'a, 'b> {
+    object: &'b PlacedSplat<'a>,
     surfels: Range<usize>,
     /// Surfels of the objects before.
     before: usize,
@@ -67,7 +67,7 @@ struct Piece<'a, 'b> {
     start: usize,
 }
 
-impl Piece<'_, '_> {
+impl SurfelRange<'_, '_> {
     /// Its surfels that are drawn: neighbours in space follow each other, so that these are everywhere.
     fn drawn(&self) -> impl Iterator<Item = usize> {
         let one_of = self.object.one_of.max(1);
@@ -76,7 +76,7 @@ impl Piece<'_, '_> {
     }
 }
 
-fn pieces<'a, 'b>(objects: &'b [Placed<'a>]) -> Vec<Piece<'a, 'b>> {
+fn pieces<'a, 'b>(objects: &'b [PlacedSplat<'a>]) -> Vec<SurfelRange<'a, 'b>> {
     let all: usize = objects.iter().map(|o| o.cloud.len()).sum();
     let count = (PIECES_PER_THREAD * rayon::current_num_threads()).min(MOST_PIECES);
     let length = all.div_ceil(count).max(1);
@@ -84,7 +84,7 @@ fn pieces<'a, 'b>(objects: &'b [Placed<'a>]) -> Vec<Piece<'a, 'b>> {
     let mut pieces = Vec::new();
     for object in objects {
         let n = object.cloud.len();
-        pieces.extend((0..n).step_by(length).map(|first| Piece {
+        pieces.extend((0..n).step_by(length).map(|first| SurfelRange {
             object,
             surfels: first..(first + length).min(n),
             before,
@@ -113,7 +113,7 @@ pub(super) struct Tiles {
 
 impl Tiles {
     /// Lists what a camera sees of objects, in the memory that is there.
-    pub fn list(&mut self, objects: &[Placed<'_>], size: [usize; 2]) {
+    pub fn list(&mut self, objects: &[PlacedSplat<'_>], size: [usize; 2]) {
         let [columns, rows] = size.map(|edge| edge.div_ceil(TILE));
         (self.columns, self.rows) = (columns, rows);
         self.grain = grain(size);

@@ -16,7 +16,7 @@ use crate::error::{Result, ensure};
 pub(super) use light::validate_all;
 pub use light::{FixedTo, KELVIN, Light, LightSource};
 pub use placing::{LightKind, Placed, SUN_DEG};
-pub use presets::{KEY, Lit, RigPreset};
+pub use presets::{KEY, RigPreset, RigTarget};
 
 /// Lights, and what is around them, as a file of their own.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -169,7 +169,7 @@ fn written<S: serde::Serializer>(
 
 impl RigPreset {
     /// The rig around what it is to light.
-    pub fn rig(self, lit: Lit) -> Rig {
+    pub fn rig(self, lit: RigTarget) -> Rig {
         let (lights, uniform) = self.lights(lit);
         Rig::of(lights, Some(Around::Uniform { uniform }))
     }

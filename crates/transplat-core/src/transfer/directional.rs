@@ -13,11 +13,11 @@ mod light_visibility;
 mod lobe;
 mod materials;
 mod moments;
-mod near;
 mod neighbors;
 mod nodes;
 mod rays;
 mod relight;
+mod shadow_rays;
 mod specular_lobe;
 
 use std::borrow::Cow;
@@ -130,7 +130,7 @@ impl DirectionalCache {
         &self,
         i: usize,
         (specular_lobe, light, radiance): (&SpecularLobe, &Incident<'_>, &[Radiance]),
-        scratch: &mut Scratch,
+        scratch: &mut TransferScratch,
         diffuse: Option<RowMut<'_>>,
         residual: RowMut<'_>,
     ) -> [[f32; 3]; 2] {
@@ -167,7 +167,7 @@ impl DirectionalCache {
         specular_lobe: &SpecularLobe,
         light: &Incident<'_>,
         radiance: &[Radiance],
-        scratch: &mut Scratch,
+        scratch: &mut TransferScratch,
     ) {
         scratch.specular.clear();
         if specular_lobe.is_diffuse() && light.optimizations.has(Optimization::DiffuseSurfels) {
@@ -206,7 +206,7 @@ impl DirectionalCache {
     }
 
     /// Stored colour of `diffuse * tau`, `[Q]`, and what is in `scratch.specular`, into `scratch.stored`.
-    fn store(&self, diffuse: &[[f32; 3]], tau: [f32; 3], scratch: &mut Scratch) {
+    fn store(&self, diffuse: &[[f32; 3]], tau: [f32; 3], scratch: &mut TransferScratch) {
         let out = &mut scratch.stored;
         out.clear();
         out.extend(
@@ -308,11 +308,14 @@ impl DirectionalTransfer {
         let (encoded_mean, darkest) = (diffuse.rows_mut().into_par_iter())
             .zip(residual.rows_mut().into_par_iter())
             .enumerate()
-            .map_init(Scratch::default, |scratch, (i, (diffuse, residual))| {
-                let shining = (&specular_lobe[i], &light, &radiance[..]);
-                let [mean, darkest] = asset.explain(i, shining, scratch, diffuse, residual);
-                (mean, darkest)
-            })
+            .map_init(
+                TransferScratch::default,
+                |scratch, (i, (diffuse, residual))| {
+                    let shining = (&specular_lobe[i], &light, &radiance[..]);
+                    let [mean, darkest] = asset.explain(i, shining, scratch, diffuse, residual);
+                    (mean, darkest)
+                },
+            )
             .unzip();
         Ok(Self {
             asset: asset.clone(),
@@ -508,7 +511,7 @@ impl DirectionalTransfer {
         (light, part): (&Incident<'_>, Part),
         tau: FrontAndBack,
         radiance: &[Radiance],
-        scratch: &mut Scratch,
+        scratch: &mut TransferScratch,
         out: &mut [[f32; 3]],
     ) {
         let asset = &*self.asset;
@@ -564,7 +567,7 @@ impl DirectionalTransfer {
         i: usize,
         tau: FrontAndBack,
         two_sided: f32,
-        scratch: &mut Scratch,
+        scratch: &mut TransferScratch,
         out: &mut [[f32; 3]],
     ) {
         let asset = &*self.asset;
@@ -611,7 +614,7 @@ fn fill_of(light: &LightSamples) -> [f32; 3] {
 }
 
 #[derive(Default)]
-struct Scratch {
+struct TransferScratch {
     rays: Rays,
     /// `[3][Q]`
     values: Vec<f32>,

@@ -28,7 +28,7 @@ use crate::sh::{
 use crate::surfels::SurfelCloud;
 
 pub use block::MAX_RADIANCE;
-use block::{Block, Extent, Rows, relight_block};
+use block::{Block, BlockRows, Extent, relight_block};
 
 /// A target light stronger than the source by more than this is held to it, so that no result overflows.
 const MAX_RELATIVE_LIGHT: f32 = 1e12;
@@ -218,7 +218,7 @@ impl HarmonicTransfer {
     }
 
     fn make_blocks(&mut self) {
-        let rows = Rows {
+        let rows = BlockRows {
             normals: &self.normals,
             visibility: &self.visibility,
             dc_over_irradiance: &self.dc_over_irradiance,

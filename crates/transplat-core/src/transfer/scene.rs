@@ -10,7 +10,7 @@ use super::directional::{DirectionalTransfer, FrontAndBack, Incident, Others, Ra
 use super::materials::Materials;
 use super::relit::{Part, Relight, Relit};
 use crate::bake::scene::SceneBake;
-use crate::bake::surroundings::Placed;
+use crate::bake::surroundings::PlacedObject;
 use crate::environment::Illumination;
 use crate::error::Result;
 use crate::progress::Progress;
@@ -150,7 +150,7 @@ impl SceneTransfer {
     pub fn composed(&self, relit: Vec<Relit>) -> Relit {
         let is_one_encoding = relit.iter().all(|r| r.encoding == relit[0].encoding);
         let degree = relit.iter().map(|r| r.degree).max().unwrap_or_default();
-        let turned = |(relit, placed): (Relit, &Placed)| {
+        let turned = |(relit, placed): (Relit, &PlacedObject)| {
             let relit = if is_one_encoding {
                 relit
             } else {

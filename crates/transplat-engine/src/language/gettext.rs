@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 /// Text that the strings of a line belong to.
 #[derive(Clone, Copy, PartialEq)]
-enum Part {
+enum CatalogPart {
     Text,
     Translation,
     /// Strings that the window never requests.
@@ -32,25 +32,25 @@ pub fn parse(file: &str) -> Result<HashMap<String, String>, String> {
             "" => {}
             "msgctxt" => {
                 std::mem::take(&mut entry).end(&mut texts);
-                entry.part = Some(Part::Context);
+                entry.part = Some(CatalogPart::Context);
             }
-            "msgid" if entry.part != Some(Part::Text) => {
-                let is_plain = entry.part != Some(Part::Context) && !is_fuzzy;
+            "msgid" if entry.part != Some(CatalogPart::Text) => {
+                let is_plain = entry.part != Some(CatalogPart::Context) && !is_fuzzy;
                 is_fuzzy = false;
                 std::mem::take(&mut entry).end(&mut texts);
-                (entry.part, entry.is_plain) = (Some(Part::Text), is_plain);
+                (entry.part, entry.is_plain) = (Some(CatalogPart::Text), is_plain);
             }
-            "msgstr" => entry.part = Some(Part::Translation),
+            "msgstr" => entry.part = Some(CatalogPart::Translation),
             other if other == "msgid_plural" || other.starts_with("msgstr[") => {
-                entry.part = Some(Part::Plural);
+                entry.part = Some(CatalogPart::Plural);
                 entry.is_plain = false;
             }
             _ => return Err(wrong()),
         }
         match entry.part.ok_or_else(wrong)? {
-            Part::Text => entry.text += &string,
-            Part::Translation => entry.translation += &string,
-            Part::Context | Part::Plural => {}
+            CatalogPart::Text => entry.text += &string,
+            CatalogPart::Translation => entry.translation += &string,
+            CatalogPart::Context | CatalogPart::Plural => {}
         }
     }
     entry.end(&mut texts);
@@ -61,7 +61,7 @@ pub fn parse(file: &str) -> Result<HashMap<String, String>, String> {
 struct Entry {
     text: String,
     translation: String,
-    part: Option<Part>,
+    part: Option<CatalogPart>,
     /// True for a text with its translation, and nothing else.
     is_plain: bool,
 }

@@ -1,6 +1,5 @@
 //! Stages of a project. Each has a key of its inputs, runs when that changes, long ones as jobs, and keeps a result only while its key is current.
 
-mod asset;
 mod backdrop;
 mod bake;
 mod channel;
@@ -11,6 +10,7 @@ mod hidden;
 mod insertion;
 mod joint;
 mod lights;
+mod load;
 mod prepare;
 mod relight;
 

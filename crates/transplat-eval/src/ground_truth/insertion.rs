@@ -18,7 +18,7 @@ use transplat_core::files::{load_cameras, load_image, load_json, load_picture};
 use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform};
 
 use super::there;
-use crate::metrics::Image;
+use crate::metrics::ComparedImage;
 
 /// A scene with its truth.
 pub struct TruthScene {
@@ -47,9 +47,9 @@ pub struct TruthView {
     /// Camera of the images.
     pub camera: Camera,
     /// Image with the object.
-    pub with: Image,
+    pub with: ComparedImage,
     /// Image without the object.
-    pub without: Image,
+    pub without: ComparedImage,
     /// The object, ground that it changes, and other things that it changes. `[height][width]`
     pub masks: [Vec<bool>; 3],
 }
@@ -180,13 +180,13 @@ impl TruthScene {
         let frames = file.frames.iter().enumerate();
         frames
             .map(|(number, frame)| {
-                let picture = |folder: &str| -> Result<Image> {
+                let picture = |folder: &str| -> Result<ComparedImage> {
                     let path = self.folder.join(folder).join(format!("{number:02}.exr"));
                     let raster = load_picture(&path)?;
                     if (raster.width, raster.height) != (width, height) {
                         bail!("{}: {width} x {height} pixels are expected", path.display());
                     }
-                    Ok(Image::of_linear(&raster))
+                    Ok(ComparedImage::of_linear(&raster))
                 };
                 let near = NEAR * radius;
                 Ok(TruthView {

@@ -14,7 +14,7 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Relit;
 
 use super::{TruthLight, TruthObject};
-use crate::metrics::Image;
+use crate::metrics::ComparedImage;
 use transplat_engine::device::{Device, Paint, Painter};
 
 /// The truth under one light.
@@ -24,7 +24,7 @@ pub struct TruthTarget {
     /// The light as its map holds it.
     pub illumination: Illumination,
     /// One a camera.
-    pub pictures: Vec<Image>,
+    pub pictures: Vec<ComparedImage>,
     /// Pixels that the object covers for the most part.
     pub masks: Vec<Vec<bool>>,
 }
@@ -50,7 +50,7 @@ impl Views {
                 Ok(TruthTarget {
                     light: target.clone(),
                     illumination: light(target, device)?,
-                    pictures: rasters.iter().map(Image::of_linear).collect(),
+                    pictures: rasters.iter().map(ComparedImage::of_linear).collect(),
                     masks: rasters
                         .iter()
                         .map(|r| r.pixels.iter().map(|p| p[3] > 0.5).collect())
@@ -72,13 +72,13 @@ impl Views {
     }
 
     /// The splat as it was captured, or relit, from each camera.
-    pub fn pictures(&self, relit: Option<&Relit>) -> Result<Vec<Image>> {
+    pub fn pictures(&self, relit: Option<&Relit>) -> Result<Vec<ComparedImage>> {
         let paint = relit.map_or_else(|| Paint::captured(&self.cloud), Paint::relit);
         let cameras = self.cameras.iter();
         cameras
             .map(|camera| {
                 let raster = self.painter.draw(camera, paint, PLAIN, &[])?;
-                Ok(Image::of_display(&raster))
+                Ok(ComparedImage::of_display(&raster))
             })
             .collect()
     }

@@ -6,7 +6,7 @@ use anyhow::Result;
 use transplat_core::bake::Bake;
 use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 use transplat_core::environment::Illumination;
-use transplat_core::extremes::{self, Outcome};
+use transplat_core::extremes::{self, CaseOutcome};
 use transplat_core::progress::no_progress;
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::transfer::{Part, PreparedTransfer};
@@ -78,7 +78,7 @@ pub fn run(
 }
 
 /// All outcomes, for programs.
-fn csv(outcomes: &[Outcome]) -> String {
+fn csv(outcomes: &[CaseOutcome]) -> String {
     let mut out = String::from("case,property,ok,f32_error,gpu_error,condition_number,note\n");
     let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.3e}"));
     for o in outcomes {
@@ -97,7 +97,7 @@ fn csv(outcomes: &[Outcome]) -> String {
     out
 }
 
-fn onto(page: &mut Page, outcomes: &[Outcome]) {
+fn onto(page: &mut Page, outcomes: &[CaseOutcome]) {
     let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.1e}"));
     let rows: Vec<(&str, Vec<String>)> = outcomes
         .iter()

@@ -236,7 +236,7 @@ where
         let grey = RGBColor(150, 150, 150).stroke_width(2);
         chart.draw_series(LineSeries::new(front, grey))?;
     }
-    let mut labels = Labels::default();
+    let mut labels = PlotLabels::default();
     let is_used = |group: &usize| dots.iter().any(|d| d.group == *group);
     for group in (0..plot.groups.len()).filter(is_used) {
         let name = plot.groups[group];
@@ -282,9 +282,9 @@ const LETTER: (i32, i32) = (7, 13);
 
 /// Where labels are, so that none lies on another: left, right and middle height, in pixels.
 #[derive(Default)]
-struct Labels(Vec<[i32; 3]>);
+struct PlotLabels(Vec<[i32; 3]>);
 
-impl Labels {
+impl PlotLabels {
     /// Pixels that a label goes below its dot, as near as there is room.
     fn place(&mut self, (x, y): (i32, i32), label: &str, is_on_left: bool) -> i32 {
         let width = LETTER.0 * label.chars().count() as i32;

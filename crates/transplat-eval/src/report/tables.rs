@@ -1,15 +1,15 @@
 //! Tables of the comparison with truth.
 
-use super::variants::Variant;
+use super::variants::TruthVariant;
 use transplat_engine::words::milliseconds;
 
 /// One pair of source and target, relit by one variant.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct TruthRow {
     pub object: String,
     pub source: String,
     pub target: String,
-    pub variant: Variant,
+    pub variant: TruthVariant,
     pub psnr: f64,
     /// Over the pixels that the object covers.
     pub psnr_mask: f64,
@@ -39,7 +39,7 @@ pub struct LightEstimate {
 }
 
 /// All rows, for programs.
-pub fn csv(rows: &[Row]) -> String {
+pub fn csv(rows: &[TruthRow]) -> String {
     let mut out = String::from(
         "object,source,target,preset,terms_off,psnr,psnr_mask,ssim,perceptual,transfer_ms,source_light\n",
     );
@@ -78,12 +78,12 @@ fn cell(name: &str) -> String {
 
 /// Tables for people: what each term carries, each pair by method, and the round trips.
 pub fn markdown(
-    rows: &[Row],
+    rows: &[TruthRow],
     round_trips: &[RoundTrip],
     estimates: &[LightEstimate],
-    variants: &[Variant],
+    variants: &[TruthVariant],
 ) -> String {
-    let wholes: Vec<&Variant> = variants.iter().filter(|v| v.off.is_none()).collect();
+    let wholes: Vec<&TruthVariant> = variants.iter().filter(|v| v.off.is_none()).collect();
     [
         terms(rows, variants),
         pairs(rows, &wholes),
@@ -98,8 +98,8 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / f64::from(count.max(1))
 }
 
-fn terms(rows: &[Row], variants: &[Variant]) -> String {
-    let of = |variant: &Variant| -> Vec<&Row> {
+fn terms(rows: &[TruthRow], variants: &[TruthVariant]) -> String {
+    let of = |variant: &TruthVariant| -> Vec<&TruthRow> {
         rows.iter().filter(|r| r.variant == *variant).collect()
     };
     let mut out = String::from(
@@ -137,7 +137,7 @@ fn terms(rows: &[Row], variants: &[Variant]) -> String {
     out
 }
 
-fn pairs(rows: &[Row], wholes: &[&Variant]) -> String {
+fn pairs(rows: &[TruthRow], wholes: &[&TruthVariant]) -> String {
     let names: Vec<String> = wholes.iter().map(|v| v.name()).collect();
     let mut out = format!(
         "| object | target | {} |\n|---|---|{}\n",
@@ -145,7 +145,7 @@ fn pairs(rows: &[Row], wholes: &[&Variant]) -> String {
         "---|".repeat(names.len())
     );
     for first in rows.iter().filter(|r| r.variant == *wholes[0]) {
-        let same = |r: &&Row| r.object == first.object && r.target == first.target;
+        let same = |r: &&TruthRow| r.object == first.object && r.target == first.target;
         let scores: Vec<String> = wholes
             .iter()
             .filter_map(|v| rows.iter().filter(same).find(|r| r.variant == **v))

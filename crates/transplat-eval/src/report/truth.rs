@@ -16,12 +16,12 @@ use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::Measurement;
 use super::page::write;
-use super::tables::{LightEstimate, RoundTrip, Row, csv, markdown};
+use super::tables::{LightEstimate, RoundTrip, TruthRow, csv, markdown};
 use super::unknown::Unknown;
-use super::variants::Variant;
+use super::variants::TruthVariant;
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::views::{TruthTarget, Views, light};
-use crate::metrics::Image;
+use crate::metrics::ComparedImage;
 use transplat_engine::device::Device;
 use transplat_engine::output::make_folder;
 
@@ -70,14 +70,14 @@ pub struct Compared {
 pub fn run(of: &Comparison<'_>, how: Measurement<'_>, device: &Device) -> Result<Compared> {
     let pictures = how.output.join("pictures");
     make_folder(&pictures)?;
-    let variants = Variant::all(how.is_quick, of.has_unknown_light);
+    let variants = TruthVariant::all(how.is_quick, of.has_unknown_light);
     let (objects, directions) = (of.objects, of.directions);
-    let mut rows: Vec<Row> = Vec::new();
+    let mut rows: Vec<TruthRow> = Vec::new();
     let mut round_trips: Vec<RoundTrip> = Vec::new();
     let mut estimates: Vec<LightEstimate> = Vec::new();
     for (i, object) in objects.iter().enumerate() {
         let _ = (how.steps)(i as f64 / objects.len() as f64, &object.name);
-        let scene = TruthScene::load(object, device, directions)
+        let scene = TruthSubject::load(object, device, directions)
             .with_context(|| format!("the object {}", object.name))?;
         let unknown = of
             .has_unknown_light
@@ -109,7 +109,7 @@ pub const TRUTH_CSV: &str = "truth.csv";
 pub const TRUTH_TABLES: &str = "truth.md";
 
 /// An object, ready to be relit and compared.
-struct TruthScene<'a> {
+struct TruthSubject<'a> {
     object: &'a TruthObject,
     cloud: Arc<SurfelCloud>,
     views: Views,
@@ -117,7 +117,7 @@ struct TruthScene<'a> {
     bakes: Vec<Bake>,
 }
 
-impl<'a> TruthScene<'a> {
+impl<'a> TruthSubject<'a> {
     fn load(object: &'a TruthObject, device: &Device, directions: usize) -> Result<Self> {
         let (cloud, _) = load_splat(&object.asset)?;
         let cloud = Arc::new(cloud);
@@ -139,7 +139,7 @@ impl<'a> TruthScene<'a> {
     /// Prepares from a light of the capture; from the one that is told where none is given.
     fn prepare(
         &self,
-        variant: &Variant,
+        variant: &TruthVariant,
         light: Option<&Illumination>,
     ) -> Result<Option<PreparedTransfer>> {
         let Some(settings) = &variant.settings else {
@@ -159,7 +159,7 @@ impl<'a> TruthScene<'a> {
     /// Relights by the light of the capture, which should return it.
     fn round_trip(
         &self,
-        variant: &Variant,
+        variant: &TruthVariant,
         prepared: &PreparedTransfer,
         device: &Device,
     ) -> Result<RoundTrip> {
@@ -178,11 +178,11 @@ impl<'a> TruthScene<'a> {
     /// Relights by all targets and compares; of what the program does of itself it writes the pictures, too.
     fn score(
         &self,
-        variant: &Variant,
+        variant: &TruthVariant,
         prepared: Option<&PreparedTransfer>,
         device: &Device,
         folder: &Path,
-    ) -> Result<Vec<Row>> {
+    ) -> Result<Vec<TruthRow>> {
         let mut rows = Vec::new();
         for target in &self.views.targets {
             let relit = prepared.map(|p| relight(device, p, &target.illumination));
@@ -199,11 +199,11 @@ impl<'a> TruthScene<'a> {
 
     fn row(
         &self,
-        variant: &Variant,
+        variant: &TruthVariant,
         target: &TruthTarget,
-        ours: &[Image],
+        ours: &[ComparedImage],
         transfer_ms: Option<f64>,
-    ) -> Result<Row> {
+    ) -> Result<TruthRow> {
         let scores: Vec<[f64; 4]> = ours
             .par_iter()
             .zip(&target.pictures)
@@ -218,7 +218,7 @@ impl<'a> TruthScene<'a> {
             })
             .collect::<Result<_>>()?;
         let mean = |i: usize| scores.iter().map(|s| s[i]).sum::<f64>() / scores.len() as f64;
-        Ok(Row {
+        Ok(TruthRow {
             object: self.object.name.clone(),
             source: self.object.source.name.clone(),
             target: target.light.name.clone(),
@@ -250,7 +250,7 @@ fn relight(
 }
 
 /// A row a camera: the truth, ours, and how far they are apart.
-fn write_side_by_side(path: &Path, truth: &[Image], ours: &[Image]) -> Result<()> {
+fn write_side_by_side(path: &Path, truth: &[ComparedImage], ours: &[ComparedImage]) -> Result<()> {
     let Some(first) = truth.first() else {
         return Ok(());
     };

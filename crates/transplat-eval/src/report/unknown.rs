@@ -13,7 +13,7 @@ use transplat_core::transfer::PreparedTransfer;
 use transplat_core::transfer::directional::DirectionalTransfer;
 
 use super::tables::LightEstimate;
-use super::variants::Source;
+use super::variants::AssumedSource;
 use transplat_engine::device::Device;
 
 /// Stand-ins for an unknown capture light, compared with the true one.
@@ -63,11 +63,13 @@ impl Unknown {
     }
 
     /// The source light of a variant, where it is not the one that was told.
-    pub fn light(&self, source: Source) -> Option<Illumination> {
+    pub fn light(&self, source: AssumedSource) -> Option<Illumination> {
         let (light, gain) = match source {
-            Source::Told => return None,
-            Source::Estimated | Source::EstimatedFitted => (&self.estimated, self.gains[0]),
-            Source::Even | Source::EvenFitted => (&self.even, self.gains[1]),
+            AssumedSource::Told => return None,
+            AssumedSource::Estimated | AssumedSource::EstimatedFitted => {
+                (&self.estimated, self.gains[0])
+            }
+            AssumedSource::Even | AssumedSource::EvenFitted => (&self.even, self.gains[1]),
         };
         let gain = if source.is_fitted() { gain } else { [1.0; 3] };
         Some(light.tinted(gain.map(|g| g as f32)))

@@ -4,15 +4,15 @@ use transplat_core::settings::{Method, Terms, TransferSettings};
 
 /// The capture as it is, or a method, with a term switched off or without being told the light of the capture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Variant {
+pub struct TruthVariant {
     pub settings: Option<TransferSettings>,
     pub off: Option<&'static str>,
-    pub source: Source,
+    pub source: AssumedSource,
 }
 
 /// Capture light that a variant assumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Source {
+pub enum AssumedSource {
     Told,
     Estimated,
     Even,
@@ -22,7 +22,7 @@ pub enum Source {
     EvenFitted,
 }
 
-impl Source {
+impl AssumedSource {
     const NOT_TOLD: [Self; 4] = [
         Self::Estimated,
         Self::Even,
@@ -45,7 +45,7 @@ impl Source {
     }
 }
 
-impl Variant {
+impl TruthVariant {
     /// The methods; unless that is enough, also without each of their terms; and the default without being told the light of the capture.
     pub fn all(quick: bool, unknown_light: bool) -> Vec<Self> {
         let of = |settings, off, source| Self {
@@ -56,16 +56,19 @@ impl Variant {
         let mut all = Vec::new();
         for method in Method::ALL {
             let whole = TransferSettings::of(method);
-            all.push(of(Some(whole.clone()), None, Source::Told));
+            all.push(of(Some(whole.clone()), None, AssumedSource::Told));
             for term in Terms::of_method(method).filter(|_| !quick) {
                 let without = whole.clone().without(term.name).ok();
-                all.push(of(without, Some(term.name), Source::Told));
+                all.push(of(without, Some(term.name), AssumedSource::Told));
             }
         }
-        for source in Source::NOT_TOLD.into_iter().filter(|_| unknown_light) {
+        for source in AssumedSource::NOT_TOLD
+            .into_iter()
+            .filter(|_| unknown_light)
+        {
             all.push(of(Some(TransferSettings::default()), None, source));
         }
-        all.push(of(None, None, Source::Told));
+        all.push(of(None, None, AssumedSource::Told));
         all
     }
 
@@ -77,7 +80,7 @@ impl Variant {
 
     pub fn name(&self) -> String {
         match (self.off, self.source) {
-            (None, Source::Told) => self.method().to_owned(),
+            (None, AssumedSource::Told) => self.method().to_owned(),
             (None, source) => format!("{}, light {}", self.method(), source.name()),
             (Some(off), _) => format!("{} without {off}", self.method()),
         }
@@ -85,11 +88,11 @@ impl Variant {
 
     /// True for a method with all its terms.
     pub fn is_whole_preset(&self) -> bool {
-        self.settings.is_some() && self.off.is_none() && self.source == Source::Told
+        self.settings.is_some() && self.off.is_none() && self.source == AssumedSource::Told
     }
 
     /// True for the program's defaults.
     pub fn is_default(&self) -> bool {
-        self.settings == Some(TransferSettings::default()) && self.source == Source::Told
+        self.settings == Some(TransferSettings::default()) && self.source == AssumedSource::Told
     }
 }

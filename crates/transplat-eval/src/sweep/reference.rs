@@ -19,7 +19,7 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::subject::{Numeric, Subject};
-use crate::metrics::Image;
+use crate::metrics::ComparedImage;
 use transplat_engine::device::{Device, Paint, Painter};
 
 /// Surfels of the thinned asset.
@@ -45,7 +45,7 @@ pub struct Reference {
 struct Exact {
     method: Method,
     sh: Vec<[f64; 3]>,
-    picture: Image,
+    picture: ComparedImage,
 }
 
 impl Reference {
@@ -140,10 +140,10 @@ impl Reference {
         decode_sh(&self.cloud.sh, self.cloud.sh_degree, self.cloud.encoding)
     }
 
-    fn picture(&self, relit: &Relit) -> Result<Image> {
+    fn picture(&self, relit: &Relit) -> Result<ComparedImage> {
         let paint = Paint::relit(relit);
         let raster = self.painter.draw(&self.camera, paint, PLAIN, &[])?;
-        Ok(Image::of_display(&raster))
+        Ok(ComparedImage::of_display(&raster))
     }
 
     /// Error of a relit thinned splat against the oracle's.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use transplat_core::bake::strata::{
-    Found, MOST_SURFELS, PER_STRATUM, STRATA, SURFEL_BITS, directions,
+    MOST_SURFELS, PER_STRATUM, STRATA, SURFEL_BITS, SurfelHits, directions,
 };
 use transplat_core::bake::trace::Tracer;
 use transplat_core::progress::Progress;
@@ -66,11 +66,11 @@ impl GpuTracer {
     pub fn trace(
         &self,
         strata: &[usize],
-        found: &mut [Found],
+        found: &mut [SurfelHits],
         progress: Progress<'_>,
     ) -> Result<()> {
         let all = directions();
-        let mut chunks: Vec<Chunk<'_>> = (found.chunks_mut(CHUNK))
+        let mut chunks: Vec<RayChunk<'_>> = (found.chunks_mut(CHUNK))
             .map(|found| self.chunk(found))
             .collect();
         for (batch, of_batch) in strata.chunks(STRATUM_BATCH).enumerate() {
@@ -95,9 +95,9 @@ impl GpuTracer {
         Ok(())
     }
 
-    fn chunk<'a>(&self, found: &'a mut [Found]) -> Chunk<'a> {
+    fn chunk<'a>(&self, found: &'a mut [SurfelHits]) -> RayChunk<'a> {
         let context = &self.context;
-        let of_surfel = |f: &Found| {
+        let of_surfel = |f: &SurfelHits| {
             let s = &self.tracer.surfels[f.surfel as usize];
             DirectionalBakeSurfel {
                 position: s.position.to_array(),
@@ -112,7 +112,7 @@ impl GpuTracer {
             count: found.len() as u32,
             box_count: self.resident.box_count as u32,
         };
-        Chunk {
+        RayChunk {
             parameters: context.upload(&[parameters], BufferUsages::UNIFORM),
             surfels: context.upload(&surfels, BufferUsages::STORAGE),
             closed: context.upload(&closed.collect::<Vec<u32>>(), BufferUsages::STORAGE),
@@ -122,7 +122,7 @@ impl GpuTracer {
 
     fn trace_chunk(
         &self,
-        chunk: &mut Chunk<'_>,
+        chunk: &mut RayChunk<'_>,
         strata: &[usize],
         rays: &wgpu::Buffer,
     ) -> Result<()> {
@@ -154,9 +154,9 @@ impl GpuTracer {
 }
 
 /// Some of the surfels, and what they found.
-struct Chunk<'a> {
+struct RayChunk<'a> {
     parameters: wgpu::Buffer,
     surfels: wgpu::Buffer,
     closed: wgpu::Buffer,
-    found: &'a mut [Found],
+    found: &'a mut [SurfelHits],
 }

@@ -3,11 +3,11 @@
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use transplat_core::camera::Camera;
 use transplat_core::derived::Derived;
-use transplat_core::rasterize::{Placed, Raster, Rasterizer};
+use transplat_core::rasterize::{PlacedSplat, Raster, Rasterizer};
 
 use super::frame::{Frame, Passes};
 use super::object::{LiveObject, ShadeKey, ShownObjects, placed, shown};
-use super::paint::Paint;
+use super::paint::ObjectPaint;
 use crate::context::Context;
 use crate::rasterize::Target;
 
@@ -55,7 +55,7 @@ impl CpuCanvas {
         if !self.projected.ask(&key) {
             return;
         }
-        let each = placed(objects, frame).map(|(object, placement)| Placed {
+        let each = placed(objects, frame).map(|(object, placement)| PlacedSplat {
             cloud: &object.asset.cloud,
             camera: object.camera(frame),
             scale: object.scale(),
@@ -63,7 +63,7 @@ impl CpuCanvas {
             shown: placement.shown,
             one_of,
         });
-        let each: Vec<Placed<'_>> = each.collect();
+        let each: Vec<PlacedSplat<'_>> = each.collect();
         let rasterizer = &mut self.rasterizer;
         within(&self.pool, || rasterizer.project(&each, camera));
         self.projected.accept(key, ());
@@ -83,7 +83,7 @@ impl CpuCanvas {
             let paint = object.paint(&object.camera(frame), key);
             (object.asset.cloud.len(), paint)
         };
-        let paints: Vec<(usize, Paint<'_>)> = objects.map(paint).collect();
+        let paints: Vec<(usize, ObjectPaint<'_>)> = objects.map(paint).collect();
         let (rasterizer, raster) = (&mut self.rasterizer, &mut self.raster);
         within(&self.pool, || match &paints[..] {
             [(_, only)] => rasterizer.draw(|surfels, out| only.colors(surfels, out), raster),
@@ -107,7 +107,7 @@ fn within(pool: &Option<ThreadPool>, work: impl FnOnce() + Send) {
 }
 
 /// Colours of surfels that are counted one object after the other.
-fn colors_of_all(objects: &[(usize, Paint<'_>)], surfels: &[usize], out: &mut [[f32; 3]]) {
+fn colors_of_all(objects: &[(usize, ObjectPaint<'_>)], surfels: &[usize], out: &mut [[f32; 3]]) {
     let mut first = 0;
     for (count, paint) in objects {
         let is_own = |i: usize| (first..first + count).contains(&i);

@@ -13,7 +13,7 @@ use transplat_core::surfels::{Bounds, SurfelCloud};
 use transplat_core::transfer::{Part, Relit, RelitRows};
 
 use super::frame::{Frame, Placement};
-use super::paint::{Color, Paint};
+use super::paint::{Color, ObjectPaint};
 use crate::context::{Context, Result};
 use crate::rasterize::{GpuRasterizer, ResidentPaint, ResidentSh, ResidentVectors, depth_unit};
 use crate::transfer::GpuTransfer;
@@ -367,7 +367,7 @@ impl LiveObject {
     }
 
     /// Colours of the surfels on the CPU.
-    pub fn paint<'a>(&'a self, camera: &Camera, key: &ShadeKey) -> Paint<'a> {
+    pub fn paint<'a>(&'a self, camera: &Camera, key: &ShadeKey) -> ObjectPaint<'a> {
         let cloud = &*self.asset.cloud;
         let shading = |sh: Functions<'a>, [degree, filled]: [usize; 2], encoding| Shading {
             positions: &cloud.positions,
@@ -404,7 +404,7 @@ impl LiveObject {
             (None, None) if key.paint == SidePaint::Normals => Color::Normals(cloud, camera.eye),
             (None, None) => Color::White,
         };
-        Paint {
+        ObjectPaint {
             color,
             marks: match self.marks(key) {
                 Some(Marks::Cpu(marks)) => Some(marks),

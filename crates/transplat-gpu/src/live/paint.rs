@@ -6,7 +6,7 @@ use transplat_core::rasterize::Shading;
 use transplat_core::surfels::SurfelCloud;
 
 /// Colours of an object's surfels.
-pub(super) struct Paint<'a> {
+pub(super) struct ObjectPaint<'a> {
     pub color: Color<'a>,
     /// Over the colours, as much of them as their fourth number says, `[n]`.
     pub marks: Option<&'a [[f32; 4]]>,
@@ -21,7 +21,7 @@ pub(super) enum Color<'a> {
     White,
 }
 
-impl Paint<'_> {
+impl ObjectPaint<'_> {
     /// The colours of some of them.
     pub fn colors(&self, surfels: &[usize], out: &mut [[f32; 3]]) {
         let each = surfels.iter().zip(&mut *out);

@@ -31,12 +31,12 @@ gpu_struct! {
 pub struct Order {
     /// Key and index of each surfel.
     pub(super) surfels: wgpu::Buffer,
-    pub(super) drawn: Drawn,
+    pub(super) drawn: DrawnCount,
 }
 
 /// Count of surfels that are drawn.
 #[derive(Clone, Debug)]
-pub(super) enum Drawn {
+pub(super) enum DrawnCount {
     Count(usize),
     /// Count on the adapter, as an indirect draw takes it.
     Indirect(wgpu::Buffer),
@@ -53,21 +53,21 @@ impl Order {
         let order = depth_order(positions, camera, hidden);
         let surfels: Vec<[u32; 2]> = order.iter().rev().map(|surfel| [0, *surfel]).collect();
         Self {
-            drawn: Drawn::Count(surfels.len()),
+            drawn: DrawnCount::Count(surfels.len()),
             surfels: context.upload(&surfels, BufferUsages::STORAGE),
         }
     }
 }
 
 /// The passes of the sort.
-struct Passes {
+struct OrderPasses {
     make_keys: Arc<ComputePass>,
     count_digits: Arc<ComputePass>,
     sum_counts: Arc<ComputePass>,
     move_keys: Arc<ComputePass>,
 }
 
-impl Passes {
+impl OrderPasses {
     fn new(context: &Context) -> Self {
         let source = shader::RASTERIZE_ORDER.source();
         let pass = |entry| context.compute_pass(&source, entry);
@@ -83,7 +83,7 @@ impl Passes {
 /// Sorts on the adapter, for so many surfels.
 pub(crate) struct Sorter {
     count: usize,
-    passes: Passes,
+    passes: OrderPasses,
     /// Surfels that are left out, a bit each.
     hidden: wgpu::Buffer,
     /// Keys with their surfels: before the first round, and after the last.
@@ -97,12 +97,12 @@ pub(crate) struct Sorter {
 impl Sorter {
     /// Compiles what all of them run; no frame waits for it.
     pub fn warm_up(context: &Context) {
-        Passes::new(context);
+        OrderPasses::new(context);
     }
 
     /// Makes room.
     pub fn new(context: &Context, count: usize) -> Self {
-        let passes = Passes::new(context);
+        let passes = OrderPasses::new(context);
         let digits = 1 << DIGIT_BITS;
         let [pairs, other] = [(); 2].map(|()| context.storage(8 * count));
         let counts = context.storage(4 * digits * blocks(count));
@@ -170,7 +170,7 @@ impl Sorter {
             ("moved", &self.pairs),
             ("drawn", &self.drawn),
         ];
-        let Passes {
+        let OrderPasses {
             make_keys,
             count_digits,
             sum_counts,
@@ -188,7 +188,7 @@ impl Sorter {
         context.submit(encoder);
         Order {
             surfels: self.pairs.clone(),
-            drawn: Drawn::Indirect(self.drawn.clone()),
+            drawn: DrawnCount::Indirect(self.drawn.clone()),
         }
     }
 

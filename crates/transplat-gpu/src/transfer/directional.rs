@@ -101,7 +101,7 @@ pub struct GpuDirectional {
     context: Arc<Context>,
     pub(crate) prepared: Arc<DirectionalTransfer>,
     shared: Shared,
-    chunks: Vec<Chunk>,
+    chunks: Vec<ChunkBuffers>,
     gather: Step,
     /// From the first radiance to the second, and back.
     bounce: [Step; 2],
@@ -152,15 +152,15 @@ impl GpuDirectional {
             tables: context.upload(&tables, BufferUsages::STORAGE),
             radiance: [0, 1].map(|_| context.storage(32 * n)),
         };
-        let upload = |first| Chunk::upload(context, prepared, first, chunk.min(n - first));
-        let chunks: Vec<Chunk> = (0..n).step_by(chunk).map(upload).collect();
+        let upload = |first| ChunkBuffers::upload(context, prepared, first, chunk.min(n - first));
+        let chunks: Vec<ChunkBuffers> = (0..n).step_by(chunk).map(upload).collect();
         let source = shader::transfer_directional(&asset.nodes, asset.encoding);
         let adds_back = prepared.settings.terms.two_sided && chunks.iter().any(|c| c.has_two_sides);
         let entries = ["gather", "bounce", "finish", "add_back"];
         context.compile_together(&source, &entries[..3 + usize::from(adds_back)]);
         let step = |entry, from| {
             let pass = context.compute_pass(&source, entry);
-            let bind = |chunk: &Chunk| {
+            let bind = |chunk: &ChunkBuffers| {
                 let has_work = entry != "add_back" || chunk.has_two_sides;
                 has_work.then(|| chunk.bind(context, &pass, &shared, from, &[]))
             };
@@ -211,7 +211,7 @@ impl GpuDirectional {
             let source = shader::transfer_directional(&asset.nodes, asset.encoding);
             let pass = context.compute_pass(&source, "see_suns");
             let traced = [("boxes", &tracer.boxes), ("discs", &tracer.discs)];
-            let bind = |c: &Chunk| Some(c.bind(context, &pass, &self.shared, 0, &traced));
+            let bind = |c: &ChunkBuffers| Some(c.bind(context, &pass, &self.shared, 0, &traced));
             let groups = self.chunks.iter().map(bind).collect();
             (Step { pass, groups }, tracer.box_count)
         })
@@ -375,7 +375,7 @@ fn surfels_of(
 }
 
 /// Some of the surfels.
-struct Chunk {
+struct ChunkBuffers {
     count: usize,
     has_two_sides: bool,
     parameters: wgpu::Buffer,
@@ -391,7 +391,7 @@ struct Chunk {
     relit: wgpu::Buffer,
 }
 
-impl Chunk {
+impl ChunkBuffers {
     fn upload(context: &Context, p: &DirectionalTransfer, first: usize, count: usize) -> Self {
         let k = coefficient_count(p.asset.nodes.degree);
         let q = p.asset.nodes.count();

@@ -45,7 +45,7 @@ const SETTINGS: &str = "settings.json";
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Batch {
-    splats: Vec<Splat>,
+    splats: Vec<BatchSplat>,
     /// Environments, or folders of them; with none, the splats as they were captured.
     #[serde(default)]
     lights: Vec<PathBuf>,
@@ -62,7 +62,7 @@ struct Batch {
 /// A splat, or a look: a scene of several.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
-enum Splat {
+enum BatchSplat {
     File(PathBuf),
     Captured(Captured),
 }
@@ -75,7 +75,7 @@ struct Captured {
 }
 
 /// A picture to be drawn.
-struct Image {
+struct BatchImage {
     splat: usize,
     /// Index of the light; none as captured, or by the light of a look.
     light: Option<usize>,
@@ -86,11 +86,11 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
     let mut summary = Summary::new("render", &args.out);
     let batch = load(file)?;
     let lights = batch.lights()?;
-    let names = stems("splat", batch.splats.iter().map(Splat::asset))?;
+    let names = stems("splat", batch.splats.iter().map(BatchSplat::asset))?;
     let all = batch.pictures(lights.len(), args)?;
-    let light_of = |p: &Image| p.light.map_or("", |at| &*lights[at].0);
+    let light_of = |p: &BatchImage| p.light.map_or("", |at| &*lights[at].0);
     let extension = args.format.map_or("png", |f| f.extension());
-    let is_there = |p: &Image| {
+    let is_there = |p: &BatchImage| {
         let folder = args.output.join(&names[p.splat]).join(light_of(p));
         let picture = folder.join(format!("{:03}.{extension}", p.frame));
         picture.is_file()
@@ -99,7 +99,7 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
     let [part, of] = args.part.unwrap_or([1, 1]);
     // Those of one splat and light lie together: a part prepares few.
     let mine = &all[all.len() * (part - 1) / of..all.len() * part / of];
-    let missing: Vec<&Image> = mine.iter().filter(|p| !is_there(p)).collect();
+    let missing: Vec<&BatchImage> = mine.iter().filter(|p| !is_there(p)).collect();
     // What is wrong with one splat or light is not to keep the others from being drawn.
     let mut failed = Vec::new();
     let mut bad_lights = HashSet::new();
@@ -121,8 +121,8 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
     let mut written = 0;
     for of_splat in missing.chunk_by(|a, b| a.splat == b.splat) {
         let at = of_splat[0].splat;
-        let is_good = |p: &&&Image| p.light.is_none_or(|light| !bad_lights.contains(&light));
-        let good: Vec<&Image> = of_splat.iter().filter(is_good).copied().collect();
+        let is_good = |p: &&&BatchImage| p.light.is_none_or(|light| !bad_lights.contains(&light));
+        let good: Vec<&BatchImage> = of_splat.iter().filter(is_good).copied().collect();
         if good.is_empty() {
             continue;
         }
@@ -197,7 +197,7 @@ fn load(path: &Path) -> Result<Batch> {
     Ok(batch)
 }
 
-impl Splat {
+impl BatchSplat {
     fn asset(&self) -> &Path {
         match self {
             Self::File(asset) | Self::Captured(Captured { asset, .. }) => asset,
@@ -219,8 +219,8 @@ impl Splat {
 impl Batch {
     fn paths(&mut self) -> impl Iterator<Item = &mut PathBuf> {
         let of_splats = self.splats.iter_mut().flat_map(|splat| match splat {
-            Splat::File(asset) => vec![asset],
-            Splat::Captured(Captured { asset, source }) => {
+            BatchSplat::File(asset) => vec![asset],
+            BatchSplat::Captured(Captured { asset, source }) => {
                 [asset].into_iter().chain(source).collect()
             }
         });
@@ -250,7 +250,7 @@ impl Batch {
     }
 
     /// All pictures, those of one splat and light one after the other.
-    fn pictures(&self, lights: usize, args: &RenderArgs) -> Result<Vec<Image>> {
+    fn pictures(&self, lights: usize, args: &RenderArgs) -> Result<Vec<BatchImage>> {
         let camera = self.camera(args);
         let of_all = match (&camera.cameras, camera.eye) {
             (Some(cameras), _) => Some(load_cameras(cameras)?.frames.len()),
@@ -275,7 +275,7 @@ impl Batch {
                 bail!("a batch of more than {MOST_PICTURES} pictures; make several of it");
             }
             for light in lights.iter().copied() {
-                let of_frame = |frame| Image {
+                let of_frame = |frame| BatchImage {
                     splat,
                     light,
                     frame,
@@ -305,7 +305,7 @@ impl Batch {
     }
 
     /// True where a look has a camera.
-    fn has_camera(&self, splat: &Splat, args: &RenderArgs) -> Result<bool> {
+    fn has_camera(&self, splat: &BatchSplat, args: &RenderArgs) -> Result<bool> {
         let look = match splat.is_look() {
             true => Some(splat.asset()),
             false => self.look(args).map(PathBuf::as_path),
@@ -317,7 +317,12 @@ impl Batch {
     }
 
     /// Arguments that draw a splat under some of the lights; the command line wins.
-    fn arguments(&self, splat: &Splat, lit: Vec<PathBuf>, args: &RenderArgs) -> Result<RenderArgs> {
+    fn arguments(
+        &self,
+        splat: &BatchSplat,
+        lit: Vec<PathBuf>,
+        args: &RenderArgs,
+    ) -> Result<RenderArgs> {
         let is_look = splat.is_look();
         // The objects of a scene tell theirs, and as captured nothing needs to be told.
         let of_batch = self.source.as_ref().filter(|_| !is_look);

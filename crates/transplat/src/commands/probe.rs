@@ -89,9 +89,9 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
     let environment = environment
         .or_else(|| Some(headless.first().0.source.clone()).filter(|s| s.file.is_some()));
     let first = places.first().context("there is a place")?.at;
-    let around = Around::load(&headless, first, environment, &mut summary)?;
+    let around = ProbeEnvironment::load(&headless, first, environment, &mut summary)?;
     let like = args.clipped_like.clone().map(EnvironmentLight::of);
-    let like = Around::load(&headless, first, like, &mut summary)?;
+    let like = ProbeEnvironment::load(&headless, first, like, &mut summary)?;
     let (painter, warning) = headless.device.painter(&headless.cloud)?;
     if let Some(warning) = warning {
         summary.warn(warning);
@@ -166,7 +166,7 @@ fn object_named(headless: &Headless, name: &str) -> Result<usize> {
 }
 
 /// An environment around a scene.
-pub struct Around {
+pub struct ProbeEnvironment {
     map: EnvironmentMap,
     settings: EnvironmentLight,
 }
@@ -175,14 +175,14 @@ pub struct Around {
 #[derive(Default)]
 pub struct Lights<'a> {
     /// Where it is open.
-    pub around: Option<&'a Around>,
+    pub around: Option<&'a ProbeEnvironment>,
     /// Factor of clipped radiance; 0 where none is set.
     pub clipped_gain: f32,
     /// Environment that clipped radiance is taken from.
-    pub clipped_like: Option<&'a Around>,
+    pub clipped_like: Option<&'a ProbeEnvironment>,
 }
 
-impl Around {
+impl ProbeEnvironment {
     /// Reads one that settings name, if they do.
     pub fn load(
         headless: &Headless,

@@ -37,7 +37,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     let names = object_names(&scene, &assets);
     let is_for_many = light.target.len() > 1 || light.target.iter().any(|t| t.is_dir());
     let objects = names.into_iter().zip(endings(&assets)).collect();
-    let output = Output::new(&args.output, objects, is_for_many)?;
+    let output = SplatOutput::new(&args.output, objects, is_for_many)?;
     let outputs: Vec<PathBuf> = named.iter().flat_map(|(t, _)| output.files(t)).collect();
     let inputs = light
         .inputs(&scene, &named)
@@ -137,7 +137,7 @@ fn warn_of_losses(asset: &Splat, path: &Path, summary: &mut Summary) {
 }
 
 /// Where splats go: one file, or a folder with one a light and object.
-struct Output<'a> {
+struct SplatOutput<'a> {
     path: &'a Path,
     is_file: bool,
     is_for_many: bool,
@@ -145,7 +145,7 @@ struct Output<'a> {
     objects: Vec<(String, &'static str)>,
 }
 
-impl<'a> Output<'a> {
+impl<'a> SplatOutput<'a> {
     fn new(
         path: &'a Path,
         objects: Vec<(String, &'static str)>,

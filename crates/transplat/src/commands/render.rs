@@ -104,7 +104,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     let mut headless = Headless::load(&args.asset, scene, summary)?;
     let scene = headless.project.scene.clone();
     let frames = frames(args, &headless, summary)?;
-    let mut output = Output::new(args, frames.len(), targets.len())?;
+    let mut output = ImageOutput::new(args, frames.len(), targets.len())?;
     if wanted.is_some() {
         // A look's own light has no name there.
         output.folder_per_target = !args.light.target.is_empty();
@@ -248,14 +248,14 @@ const OTHER_PICTURES: [&str; 11] = [
 ];
 
 /// Where pictures go.
-struct Output<'a> {
+struct ImageOutput<'a> {
     path: &'a Path,
     format: PictureFormat,
     is_file: bool,
     folder_per_target: bool,
 }
 
-impl<'a> Output<'a> {
+impl<'a> ImageOutput<'a> {
     fn new(args: &'a RenderArgs, frames: usize, targets: usize) -> Result<Self> {
         let path = &args.output;
         let extension = path.extension().unwrap_or_default().to_string_lossy();
@@ -347,7 +347,7 @@ struct RenderRun<'a> {
     args: &'a RenderArgs,
     wanted: Option<&'a Wanted>,
     frames: &'a [Frame],
-    output: &'a Output<'a>,
+    output: &'a ImageOutput<'a>,
     studio: Studio,
     /// The photograph that is behind it now.
     plate: Option<PathBuf>,

@@ -12,15 +12,15 @@ use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::optimizations::{Optimization, SkippedWork, Stage};
 use transplat_gpu::Context;
 
+use super::bookmarks::Thumbnails;
 use super::export;
 use super::export::task::{ExportSettings, Task};
 use super::files::{PathField, ask};
 use super::history::History;
-use super::kept::Thumbnails;
 use super::light_library::LightLibrary;
 use super::light_map::LightMap;
 use super::preferences::Preferences;
-use super::probes::Probe;
+use super::probes::ProbeBall;
 use super::session::{Dialog, Event, SaveKind, Session};
 use super::style;
 use super::tabs::LightPage;
@@ -92,7 +92,7 @@ pub struct Viewer {
     /// Thumbnails of kept looks and views.
     pub(super) pictures: Thumbnails,
     pub(super) history: History,
-    pub(super) probes: [Option<Probe>; 2],
+    pub(super) probes: [Option<ProbeBall>; 2],
     pub(super) maps: [LightMap; 2],
     pub(super) rig_map: LightMap,
     pub(super) timeline: Timeline,

@@ -7,7 +7,7 @@ pub mod task;
 
 use std::path::PathBuf;
 
-use super::session::{Event, Outcome, Session};
+use super::session::{Event, Session, SessionChange};
 use run::{Export, ExportRun};
 use sheet::contact_sheet;
 use task::{ExportResult, ExportSettings, Task};
@@ -41,7 +41,7 @@ pub fn start(
         ));
     }
     let label = export.label(&task);
-    let work = move |handle: &Handle<Outcome>| {
+    let work = move |handle: &Handle<SessionChange>| {
         let mut run = ExportRun::of(export, handle)?;
         if !matches!(task, Task::Splat(_) | Task::Delit(_)) {
             run.check_size()?;

@@ -26,7 +26,7 @@ const CLICK_REACH: f32 = 6.0;
 
 /// A button that is held.
 #[derive(Clone, Copy, Debug)]
-struct Held {
+struct HeldButton {
     gesture: Gesture,
     button: PointerButton,
     from: Pos2,
@@ -37,7 +37,7 @@ struct Held {
 
 /// A piece of a drag.
 #[derive(Clone, Copy, Debug)]
-pub struct Step {
+pub struct DragStep {
     pub gesture: Gesture,
     /// Where the button went down.
     pub pressed_at: Pos2,
@@ -46,7 +46,7 @@ pub struct Step {
     pub modifiers: Modifiers,
 }
 
-impl Step {
+impl DragStep {
     /// Distance of the drag, in points.
     pub fn by(&self) -> Vec2 {
         Vec2::new(self.to.x - self.from.x, self.to.y - self.from.y)
@@ -64,7 +64,7 @@ pub struct Press {
 /// The drag that is under way.
 #[derive(Default)]
 pub struct Gestures {
-    held: Option<Held>,
+    held: Option<HeldButton>,
     modifiers: Modifiers,
 }
 
@@ -94,7 +94,7 @@ impl Gestures {
     /// Takes hold.
     pub fn begin(&mut self, gesture: Gesture, press: Press) {
         self.modifiers = press.modifiers;
-        self.held = Some(Held {
+        self.held = Some(HeldButton {
             gesture,
             button: press.button,
             from: press.at,
@@ -104,7 +104,7 @@ impl Gestures {
     }
 
     /// Follows an event; what it moves, if anything.
-    pub fn follow(&mut self, event: &Event) -> Option<Step> {
+    pub fn follow(&mut self, event: &Event) -> Option<DragStep> {
         match *event {
             Event::ModifiersChanged(modifiers) => {
                 self.modifiers = modifiers;
@@ -135,14 +135,14 @@ impl Gestures {
         self.held.take_if(|held| !is_down(held.button));
     }
 
-    fn step(&mut self, to: Pos2) -> Option<Step> {
+    fn step(&mut self, to: Pos2) -> Option<DragStep> {
         let held = self.held.as_mut()?;
         held.is_drag |= to.distance(held.from) > CLICK_REACH;
         if !held.is_drag {
             return None;
         }
         let from = std::mem::replace(&mut held.at, to);
-        Some(Step {
+        Some(DragStep {
             gesture: held.gesture,
             pressed_at: held.from,
             from,
@@ -167,7 +167,7 @@ mod tests {
         }
     }
 
-    fn steps(gestures: &mut Gestures, events: &[Event]) -> Vec<Step> {
+    fn steps(gestures: &mut Gestures, events: &[Event]) -> Vec<DragStep> {
         let mut steps = Vec::new();
         for event in events {
             if let Some(press) = gestures.press(event) {

@@ -7,7 +7,7 @@ use glam::{Quat, Vec2, Vec3};
 use transplat_core::scene::Transform;
 
 use super::frame::grid_spacing;
-use super::screen::{HELD, Screen, from_segment};
+use super::projection::{HELD, Screen, from_segment};
 use super::session::Session;
 
 /// Points from the middle to an arrow's tip, to the rings, and to the circle that scales.
@@ -36,7 +36,7 @@ const COLORS: [Color32; 3] = [
 
 /// Handle of the gizmo.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Handle {
+enum GizmoHandle {
     Move(usize),
     Slide,
     Turn(usize),
@@ -44,8 +44,8 @@ enum Handle {
 }
 
 /// A drag, and from where it started.
-struct Drag {
-    handle: Handle,
+struct GizmoDrag {
+    handle: GizmoHandle,
     /// The state of what is dragged.
     object: u64,
     from: Transform,
@@ -55,11 +55,11 @@ struct Drag {
 /// The handles as they are held.
 #[derive(Default)]
 pub struct Gizmo {
-    drag: Option<Drag>,
+    drag: Option<GizmoDrag>,
 }
 
 /// Where the handles are on the screen.
-struct View<'a> {
+struct GizmoView<'a> {
     screen: Screen<'a>,
     /// The object's middle in the scene, and in its own coordinates.
     middle: Vec3,
@@ -69,7 +69,7 @@ struct View<'a> {
     unit: f32,
 }
 
-impl View<'_> {
+impl GizmoView<'_> {
     fn at(&self, point: Vec3) -> Option<Pos2> {
         self.screen.at(point)
     }
@@ -105,14 +105,14 @@ impl View<'_> {
     }
 
     /// The handle at a place.
-    fn handle_at(&self, at: Pos2) -> Option<Handle> {
+    fn handle_at(&self, at: Pos2) -> Option<GizmoHandle> {
         let middle = self.at(self.middle)?;
         if at.distance(middle) < DISC + 2.0 {
-            return Some(Handle::Slide);
+            return Some(GizmoHandle::Slide);
         }
         let near = |[a, b]: [Pos2; 2]| from_segment(at, a, b) < REACH;
         if let Some(axis) = (0..3).find(|axis| self.arrow(*axis).is_some_and(near)) {
-            return Some(Handle::Move(axis));
+            return Some(GizmoHandle::Move(axis));
         }
         let on_ring = |axis: &usize| {
             let ring = self.ring(*axis);
@@ -120,28 +120,28 @@ impl View<'_> {
             edges.any(near)
         };
         if let Some(axis) = (0..3).find(on_ring) {
-            return Some(Handle::Turn(axis));
+            return Some(GizmoHandle::Turn(axis));
         }
         let is_on_circle = (at.distance(middle) - CIRCLE).abs() < REACH;
-        is_on_circle.then_some(Handle::Scale)
+        is_on_circle.then_some(GizmoHandle::Scale)
     }
 
     /// The transform that a drag to a place makes; in steps where that is asked for.
-    fn dragged(&self, drag: &Drag, at: Vec2, step: Option<f32>) -> Option<Transform> {
+    fn dragged(&self, drag: &GizmoDrag, at: Vec2, step: Option<f32>) -> Option<Transform> {
         let mut made = drag.from;
         let place = |p: Vec3| match step {
             Some(step) => (p / step).round() * step,
             None => p,
         };
         match drag.handle {
-            Handle::Move(axis) => {
+            GizmoHandle::Move(axis) => {
                 let moved = self.along(at, AXES[axis])? - self.along(drag.pointer, AXES[axis])?;
                 let mut there = drag.from.translation;
                 there[axis] += moved;
                 there[axis] = place(there)[axis];
                 made.translation = there;
             }
-            Handle::Slide => {
+            GizmoHandle::Slide => {
                 let forward = self.screen.forward();
                 // Over the ground, unless that is seen from its edge.
                 let is_flat = forward.dot(self.up).abs() < 0.2;
@@ -156,7 +156,7 @@ impl View<'_> {
                     snapped - self.up * snapped.dot(self.up) + height
                 };
             }
-            Handle::Turn(axis) => {
+            GizmoHandle::Turn(axis) => {
                 let mut angle = self.angle(drag.pointer, at, AXES[axis])?;
                 if step.is_some() {
                     let degrees = (angle.to_degrees() / TURN_STEP).round() * TURN_STEP;
@@ -165,7 +165,7 @@ impl View<'_> {
                 let turn = Quat::from_axis_angle(AXES[axis], angle);
                 made.rotation = (turn * drag.from.rotation).normalize();
             }
-            Handle::Scale => {
+            GizmoHandle::Scale => {
                 let middle = self.screen.inside(self.at(self.middle)?);
                 let from = |p: Vec2| p.distance(middle).max(1.0);
                 made.scale = drag.from.scale * from(at) / from(drag.pointer);
@@ -175,7 +175,7 @@ impl View<'_> {
             }
         }
         // It turns and grows about its middle.
-        if matches!(drag.handle, Handle::Turn(_) | Handle::Scale) {
+        if matches!(drag.handle, GizmoHandle::Turn(_) | GizmoHandle::Scale) {
             let moved = made.scene_from_object().transform_vector3(self.own_middle);
             made.translation = self.middle - moved;
         }
@@ -201,7 +201,7 @@ impl Gizmo {
         let from = session.object().transform;
         let view = view(session, from, screen);
         let handle = view.and_then(|view| view.handle_at(at));
-        self.drag = handle.map(|handle| Drag {
+        self.drag = handle.map(|handle| GizmoDrag {
             handle,
             object: session.state().id,
             from,
@@ -248,14 +248,14 @@ impl Gizmo {
 }
 
 /// Where the handles are of the selected object, placed like that; none where they are not shown.
-fn view<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<View<'a>> {
+fn view<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<GizmoView<'a>> {
     let shows =
         session.overlays.handles && session.project.is_composed() && !session.object().locked;
     let bounds = session.asset().map(|a| a.bounds).filter(|_| shows)?;
     let middle = place.scene_from_object().transform_point3(bounds.center);
     let camera = screen.camera;
     let depth = (camera.view_from_world * (middle - camera.eye)).z;
-    (depth > camera.near).then(|| View {
+    (depth > camera.near).then(|| GizmoView {
         screen,
         middle,
         own_middle: bounds.center,
@@ -264,22 +264,22 @@ fn view<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<V
     })
 }
 
-fn draw(ui: &Ui, view: &View<'_>, active: Option<Handle>) {
+fn draw(ui: &Ui, view: &GizmoView<'_>, active: Option<GizmoHandle>) {
     let painter = ui.painter_at(view.screen.part);
     let Some(middle) = view.at(view.middle) else {
         return;
     };
-    let stroke = |handle: Handle, color: Color32| {
+    let stroke = |handle: GizmoHandle, color: Color32| {
         if active == Some(handle) {
             Stroke::new(4.0, HELD)
         } else {
             Stroke::new(2.0, color.gamma_multiply(0.9))
         }
     };
-    let white = stroke(Handle::Scale, Color32::from_gray(220));
+    let white = stroke(GizmoHandle::Scale, Color32::from_gray(220));
     painter.circle_stroke(middle, CIRCLE, Stroke::new(0.6 * white.width, white.color));
     for (axis, color) in COLORS.into_iter().enumerate() {
-        let line = stroke(Handle::Turn(axis), color);
+        let line = stroke(GizmoHandle::Turn(axis), color);
         for edge in view.ring(axis).windows(2) {
             if let [Some(a), Some(b)] = edge {
                 painter.line_segment([*a, *b], line);
@@ -288,7 +288,7 @@ fn draw(ui: &Ui, view: &View<'_>, active: Option<Handle>) {
     }
     for (axis, color) in COLORS.into_iter().enumerate() {
         if let Some([foot, tip]) = view.arrow(axis) {
-            let line = stroke(Handle::Move(axis), color);
+            let line = stroke(GizmoHandle::Move(axis), color);
             painter.line_segment([foot, tip], line);
             let along = (tip - foot).normalized();
             let aside = 6.0 * along.rot90();
@@ -297,7 +297,7 @@ fn draw(ui: &Ui, view: &View<'_>, active: Option<Handle>) {
             painter.add(egui::Shape::convex_polygon(corners, line.color, none));
         }
     }
-    let line = stroke(Handle::Slide, Color32::from_gray(230));
+    let line = stroke(GizmoHandle::Slide, Color32::from_gray(230));
     painter.circle(middle, DISC, line.color.gamma_multiply(0.35), line);
 }
 
@@ -306,10 +306,10 @@ mod tests {
     use transplat_core::camera::Camera;
 
     use super::*;
-    use crate::viewer::screen::tests::{camera, screen};
+    use crate::viewer::projection::tests::{camera, screen};
 
-    fn view(camera: &Camera, middle: Vec3) -> View<'_> {
-        View {
+    fn view(camera: &Camera, middle: Vec3) -> GizmoView<'_> {
+        GizmoView {
             screen: screen(camera),
             middle,
             own_middle: Vec3::new(0.3, -0.2, 0.1),
@@ -318,7 +318,7 @@ mod tests {
         }
     }
 
-    fn inside(view: &View<'_>, point: Vec3) -> Vec2 {
+    fn inside(view: &GizmoView<'_>, point: Vec3) -> Vec2 {
         view.screen.inside(view.at(point).expect("in front"))
     }
 
@@ -330,8 +330,8 @@ mod tests {
         }
     }
 
-    fn drag(view: &View<'_>, handle: Handle, from: Vec3) -> Drag {
-        Drag {
+    fn drag(view: &GizmoView<'_>, handle: GizmoHandle, from: Vec3) -> GizmoDrag {
+        GizmoDrag {
             handle,
             object: 0,
             from: start(),
@@ -347,7 +347,7 @@ mod tests {
         let middle = start().scene_from_object().transform_point3(own);
         let view = view(&camera, middle);
         for (axis, direction) in AXES.into_iter().enumerate() {
-            let drag = drag(&view, Handle::Move(axis), middle + 0.3 * direction);
+            let drag = drag(&view, GizmoHandle::Move(axis), middle + 0.3 * direction);
             let to = inside(&view, middle + 1.1 * direction);
             let made = view.dragged(&drag, to, None).expect("a place");
             let moved = made.translation - start().translation;
@@ -356,7 +356,7 @@ mod tests {
             let steps = snapped.translation[axis] / 0.25;
             assert!((steps - steps.round()).abs() < 1e-4);
         }
-        let drag_over = drag(&view, Handle::Slide, middle);
+        let drag_over = drag(&view, GizmoHandle::Slide, middle);
         let aside = Vec3::new(0.4, -0.7, 0.0);
         let to = inside(&view, middle + aside);
         let made = view.dragged(&drag_over, to, None).expect("a place");
@@ -364,7 +364,7 @@ mod tests {
         for (axis, direction) in AXES.into_iter().enumerate() {
             let arm = AXES[(axis + 1) % 3];
             let turn = Quat::from_axis_angle(direction, 0.5);
-            let drag = drag(&view, Handle::Turn(axis), middle + arm);
+            let drag = drag(&view, GizmoHandle::Turn(axis), middle + arm);
             let to = inside(&view, middle + turn * arm);
             let made = view.dragged(&drag, to, None).expect("a turn");
             assert!(made.rotation.angle_between(turn * start().rotation) < 1e-2);
@@ -377,9 +377,9 @@ mod tests {
                 .to_degrees();
             assert!((turned - 30.0).abs() < 0.1, "{turned}");
         }
-        let drag = Drag {
+        let drag = GizmoDrag {
             pointer: inside(&view, middle) + Vec2::new(0.0, 50.0),
-            ..drag(&view, Handle::Scale, middle)
+            ..drag(&view, GizmoHandle::Scale, middle)
         };
         let to = inside(&view, middle) + Vec2::new(75.0, 0.0);
         let made = view.dragged(&drag, to, None).expect("a scale");
@@ -408,17 +408,17 @@ mod tests {
         let camera = camera();
         let view = view(&camera, Vec3::new(1.0, 0.0, 0.5));
         let middle = view.at(view.middle).expect("in front");
-        assert_eq!(view.handle_at(middle), Some(Handle::Slide));
+        assert_eq!(view.handle_at(middle), Some(GizmoHandle::Slide));
         for axis in 0..3 {
             let [_, tip] = view.arrow(axis).expect("not end on");
-            assert_eq!(view.handle_at(tip), Some(Handle::Move(axis)));
+            assert_eq!(view.handle_at(tip), Some(GizmoHandle::Move(axis)));
         }
         let circle = middle + CIRCLE * egui::vec2(0.6, 0.8);
-        assert_eq!(view.handle_at(circle), Some(Handle::Scale));
+        assert_eq!(view.handle_at(circle), Some(GizmoHandle::Scale));
         let rings = (0..3).filter_map(|axis| {
             let at = view.ring(axis).into_iter().flatten();
             let mut handles = at.map(|at| view.handle_at(at));
-            handles.find(|h| *h == Some(Handle::Turn(axis)))
+            handles.find(|h| *h == Some(GizmoHandle::Turn(axis)))
         });
         assert_eq!(rings.count(), 3);
         assert_eq!(view.handle_at(middle + egui::vec2(200.0, 0.0)), None);

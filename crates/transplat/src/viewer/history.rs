@@ -19,13 +19,13 @@ const MOST_STEPS: usize = 200;
 const MOST_NAMED: usize = 2;
 
 /// A state of the scene, and what led to it.
-struct Step {
+struct HistoryStep {
     what: String,
     scene: Scene,
 }
 
 /// Settings that do not stay yet.
-struct Change {
+struct HistoryChange {
     began: f64,
     last: f64,
     scene: Scene,
@@ -34,16 +34,16 @@ struct Change {
 /// The scene's states, the oldest first.
 #[derive(Default)]
 pub struct History {
-    steps: Vec<Step>,
+    steps: Vec<HistoryStep>,
     at: usize,
-    change: Option<Change>,
+    change: Option<HistoryChange>,
 }
 
 impl History {
     /// Learns how the scene is at a time, in seconds.
     pub fn feed(&mut self, now: f64, scene: &Scene) {
         // From elsewhere, what was set here could not be told from what went along.
-        let leaves = |change: &&mut Change| change.scene.camera != scene.camera;
+        let leaves = |change: &&mut HistoryChange| change.scene.camera != scene.camera;
         if let Some(change) = self.change.as_mut().filter(leaves) {
             let left = change.scene.clone();
             self.take(&left);
@@ -68,7 +68,7 @@ impl History {
             (_, none) => {
                 let scene = scene.clone();
                 let (began, last) = (now, now);
-                *none = Some(Change { began, last, scene });
+                *none = Some(HistoryChange { began, last, scene });
             }
         }
     }
@@ -154,7 +154,7 @@ impl History {
         });
         self.steps.truncate(self.at + 1);
         let scene = scene.clone();
-        self.steps.push(Step { what, scene });
+        self.steps.push(HistoryStep { what, scene });
         if self.steps.len() > MOST_STEPS {
             self.steps.remove(0);
         }

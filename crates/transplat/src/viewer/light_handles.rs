@@ -9,9 +9,9 @@ use glam::DVec3;
 use transplat_core::color::Display;
 use transplat_core::scene::{Light, LightSource};
 
-use super::screen::{HELD, Screen};
+use super::projection::{HELD, Screen};
 use super::session::Session;
-use view::{Drag, Handle, View};
+use view::{LightDrag, LightHandle, LightHandleView};
 
 /// Points of a light's own handle.
 const BULB: f32 = 8.0;
@@ -22,7 +22,7 @@ const CORNERS: usize = 40;
 /// The handles as they are held.
 #[derive(Default)]
 pub struct LightHandles {
-    drag: Option<Drag>,
+    drag: Option<LightDrag>,
 }
 
 impl LightHandles {
@@ -32,12 +32,12 @@ impl LightHandles {
             let chosen = session.chosen_light();
             let handle = view.handle_at((&session.project.scene.lights, chosen), at)?;
             let number = match handle {
-                Handle::Around(number) => number,
+                LightHandle::Around(number) => number,
                 _ => chosen?,
             };
             let from = session.project.scene.lights[number].clone();
             let held = view.point(view.held(handle, &from)?).unwrap_or(at);
-            Some(Drag {
+            Some(LightDrag {
                 handle,
                 at: number,
                 pointer: screen.inside(at),
@@ -93,8 +93,8 @@ impl LightHandles {
 }
 
 /// Where the handles are; none where they are not shown.
-fn view<'a>(session: &Session, screen: Screen<'a>) -> Option<View<'a>> {
-    session.overlays.lights.then(|| View {
+fn view<'a>(session: &Session, screen: Screen<'a>) -> Option<LightHandleView<'a>> {
+    session.overlays.lights.then(|| LightHandleView {
         screen,
         lit: session.lit(),
         scene_from_world: session.project.world_from_scene().transpose(),
@@ -114,20 +114,20 @@ pub fn color_of(light: &Light) -> Color32 {
 
 fn draw(
     painter: &Painter,
-    view: &View<'_>,
+    view: &LightHandleView<'_>,
     (at, light): (usize, &Light),
     is_chosen: bool,
-    active: Option<Handle>,
+    active: Option<LightHandle>,
 ) {
     let source = &light.source;
     let color = color_of(light);
     let faint = if light.on { 0.9 } else { 0.3 };
-    let line = |handle: Handle| match active == Some(handle) {
+    let line = |handle: LightHandle| match active == Some(handle) {
         true => Stroke::new(3.0, HELD),
         false => Stroke::new(1.5, color.gamma_multiply(faint)),
     };
     let place = view.place(source);
-    let own = line(Handle::Around(at));
+    let own = line(LightHandle::Around(at));
     let shape = |corners: Vec<DVec3>, stroke| {
         let corners: Vec<_> = corners.into_iter().map(|p| view.point(p)).collect();
         for (i, a) in corners.iter().enumerate() {
@@ -175,7 +175,7 @@ fn draw(
         let thin = Stroke::new(1.0, own.color.gamma_multiply(0.6));
         painter.line_segment([here, aim], thin);
         if is_chosen && source.position().is_some() {
-            let stroke = line(Handle::Aim);
+            let stroke = line(LightHandle::Aim);
             let arm = 6.0;
             for [x, y] in [[arm, 0.0], [0.0, arm]] {
                 let arm = Vec2::new(x, y);
@@ -185,7 +185,7 @@ fn draw(
     }
     if is_chosen {
         if let Some(away) = view.away(source) {
-            let stroke = line(Handle::Away);
+            let stroke = line(LightHandle::Away);
             painter.line_segment([here, away], Stroke::new(1.0, stroke.color));
             let head = (away - here).normalized();
             let side = 5.0 * head.rot90();
@@ -193,7 +193,7 @@ fn draw(
             painter.line_segment([away - 4.0 * head - side, away + 4.0 * head], stroke);
         }
         if let Some(rim) = view.rim(source).and_then(|rim| view.point(rim)) {
-            let stroke = line(Handle::Size);
+            let stroke = line(LightHandle::Size);
             painter.circle(rim, 4.0, Color32::from_black_alpha(120), stroke);
         }
     }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Align2, Color32, Rect, Sense, TextureHandle, Ui};
 use transplat_core::scene::is_even;
 
-use super::kept::Thumbnails;
+use super::bookmarks::Thumbnails;
 use super::probes::thumbnail;
 use super::session::{SIDES, Session};
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
@@ -26,7 +26,7 @@ const PAGES_WIDTH: f32 = 64.0;
 
 /// Page of the shelf beside the slots.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Page {
+enum LibraryPage {
     #[default]
     Lights,
     Looks,
@@ -48,7 +48,7 @@ pub struct LightLibrary {
     twins: HashMap<PathBuf, PathBuf>,
     /// The one that was last brought into view.
     shown: Option<PathBuf>,
-    page: Page,
+    page: LibraryPage,
 }
 
 /// A light that is dragged along the shelf or onto a slot.
@@ -107,9 +107,9 @@ impl LightLibrary {
                     // For the frame of the first.
                     ui.add_space(3.0);
                     match self.page {
-                        Page::Looks => return kept.looks(ui, session),
-                        Page::Views => return kept.views(ui, session),
-                        Page::Lights => {}
+                        LibraryPage::Looks => return kept.looks(ui, session),
+                        LibraryPage::Views => return kept.views(ui, session),
+                        LibraryPage::Lights => {}
                     }
                     for i in 0..self.paths.len() {
                         if i >= self.paths.len() {
@@ -141,17 +141,17 @@ impl LightLibrary {
             ui.add_space(NAME_HEIGHT);
             for (page, name, tip) in [
                 (
-                    Page::Lights,
+                    LibraryPage::Lights,
                     tr("Lights").to_owned(),
                     tr("Environments to relight by."),
                 ),
                 (
-                    Page::Looks,
+                    LibraryPage::Looks,
                     tr_format!("Looks{}", count(looks.len())),
                     tr("Looks that were kept: light and picture, to come back to and to compare."),
                 ),
                 (
-                    Page::Views,
+                    LibraryPage::Views,
                     tr_format!("Views{}", count(views.len())),
                     tr("Places to look from that were kept."),
                 ),

@@ -23,7 +23,7 @@ const WIDTH: usize = 256;
 /// The picture of one side's light.
 #[derive(Default)]
 pub struct LightMap {
-    shown: Option<(Key, TextureHandle)>,
+    shown: Option<(LightMapKey, TextureHandle)>,
     /// Rotation of the light at the press.
     grab: Grab<f64>,
     /// True once it was dragged, and need not be explained.
@@ -32,7 +32,7 @@ pub struct LightMap {
 
 /// All that it depends on; turned, it is shown from another column on.
 #[derive(Clone, PartialEq)]
-struct Key {
+struct LightMapKey {
     light: u64,
     /// Rotation of the unrotated light.
     map_from_world: DMat3,
@@ -42,7 +42,12 @@ struct Key {
 
 impl LightMap {
     /// The map, as wide as there is room, and how it lies there.
-    fn map(&mut self, ui: &mut Ui, session: &Session, side: usize) -> (Placed, egui::Response) {
+    fn map(
+        &mut self,
+        ui: &mut Ui,
+        session: &Session,
+        side: usize,
+    ) -> (MapPlacement, egui::Response) {
         let width = ui.available_width();
         let size = egui::vec2(width, 0.5 * width);
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
@@ -54,7 +59,7 @@ impl LightMap {
             rotation: 0.0,
             ..settings.clone()
         };
-        let key = Key {
+        let key = LightMapKey {
             light: light.id,
             map_from_world: unturned.map_from_asset(UpAxis::PlusZ),
             // How strong it is does not show in it.
@@ -66,7 +71,7 @@ impl LightMap {
         let ahead = across_azimuth((ahead as f32).to_radians());
         let texture = self.texture(ui, (&light, settings), &key);
         paint_turned(ui, rect, texture, ahead - 0.5);
-        let placed = Placed {
+        let placed = MapPlacement {
             rect,
             ahead,
             rotation: (rotation as f32).to_radians(),
@@ -141,7 +146,7 @@ impl LightMap {
         &mut self,
         ui: &Ui,
         light: (&Environment, &EnvironmentLight),
-        key: &Key,
+        key: &LightMapKey,
     ) -> &TextureHandle {
         let kept = self.shown.take().filter(|(k, _)| k == key);
         let draw = || {
@@ -156,7 +161,7 @@ impl LightMap {
 }
 
 /// Layout of the map in the window.
-struct Placed {
+struct MapPlacement {
     rect: Rect,
     /// Middle of the map, as a share across the unrotated map.
     ahead: f32,
@@ -166,7 +171,7 @@ struct Placed {
     brightest: Option<Vec3>,
 }
 
-impl Placed {
+impl MapPlacement {
     /// Where a direction of the world is.
     fn at(&self, d: Vec3) -> Pos2 {
         let across = across_azimuth(d.y.atan2(d.x) - self.rotation);
@@ -196,7 +201,7 @@ fn across_azimuth(azimuth: f32) -> f32 {
     0.5 - azimuth / TAU
 }
 
-fn picture((light, settings): (&Environment, &EnvironmentLight), key: &Key) -> ColorImage {
+fn picture((light, settings): (&Environment, &EnvironmentLight), key: &LightMapKey) -> ColorImage {
     let small = settings.backdrop(&light.small, &light.illumination);
     let map = EnvironmentMap::of_directions(WIDTH, WIDTH / 2, |d| {
         let radiance = small.sample((key.map_from_world * d).as_vec3());

@@ -6,7 +6,7 @@ use anyhow::{Context as _, bail};
 use transplat_core::extremes;
 use transplat_core::settings::Method;
 
-use super::session::{Measured, Outcome, Session};
+use super::session::{Measured, Session, SessionChange};
 use transplat_engine::device::Device;
 use transplat_engine::jobs::{Handle, Kind, Work};
 use transplat_engine::language::{tr, tr_format};
@@ -68,7 +68,7 @@ impl Session {
                 .map(Device::Gpu),
         );
         let label = tr_format!("measuring settings on {}", asset.name());
-        let work = move |handle: &Handle<Outcome>| {
+        let work = move |handle: &Handle<SessionChange>| {
             let half = |start: f64| move |done: f64, _: &str| handle.progress(start + 0.5 * done);
             let measure = || {
                 let points = Sweep::run(&subject, &devices, Effort::Offered, &half(0.0))?;
@@ -93,7 +93,7 @@ impl Session {
         if self.jobs.is_running(Kind::Extremes) {
             return;
         }
-        let work = |handle: &Handle<Outcome>| {
+        let work = |handle: &Handle<SessionChange>| {
             let cases = extremes::all();
             let mut outcomes = Vec::new();
             for (i, case) in cases.iter().enumerate() {

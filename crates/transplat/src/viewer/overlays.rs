@@ -15,7 +15,7 @@ use super::app::{Quitting, Viewer};
 use super::export::task::Task;
 use super::files::path_as_typed;
 use super::navigation;
-use super::probes::{Around, Key as ProbeKey, MAP_WIDTH, Probe};
+use super::probes::{BallEnvironment, MAP_WIDTH, ProbeBall, ProbeKey};
 use super::session::{Dialog, SIDES, SaveKind, Session};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
@@ -240,7 +240,7 @@ impl Viewer {
                     let settings = session.side(side);
                     let map = settings.in_world(&light.small, &light.illumination, MAP_WIDTH, 1.0);
                     let light = settings.orient(&light.illumination, UpAxis::PlusZ);
-                    return Around::new(light, map, place);
+                    return BallEnvironment::new(light, map, place);
                 }
                 let maps = session
                     .project
@@ -248,10 +248,10 @@ impl Viewer {
                     .map(|(_, side)| &side.light.illumination);
                 let all = scene.light_in_world(maps);
                 let map = scene.panorama(light.small_dome(), maps, &all, place, MAP_WIDTH);
-                Around::new(all, map, place)
+                BallEnvironment::new(all, map, place)
             };
             let name = tr(SIDES[side]);
-            Probe::update(&mut self.probes[side], context, name, key, around);
+            ProbeBall::update(&mut self.probes[side], context, name, key, around);
         }
         let area = egui::Area::new(egui::Id::unique("probes"))
             .pivot(egui::Align2::RIGHT_TOP)

@@ -25,7 +25,7 @@ pub const MAP_WIDTH: usize = 128;
 
 /// All that the pictures of one light depend on.
 #[derive(Clone, PartialEq)]
-pub struct Key {
+pub struct ProbeKey {
     /// Another one whenever the light changes.
     pub oriented: OrientedLight,
     /// Where the balls are, in the Z-up world.
@@ -37,7 +37,7 @@ pub struct Key {
 }
 
 /// Environment of the probe balls, in the Z-up world.
-pub struct Around {
+pub struct BallEnvironment {
     /// As it arrives there.
     light: Illumination,
     /// Emitters that are near.
@@ -46,7 +46,7 @@ pub struct Around {
     map: EnvironmentMap,
 }
 
-impl Around {
+impl BallEnvironment {
     /// A light, and the map of all that is of it, at a place.
     pub fn new(light: Illumination, map: EnvironmentMap, place: DVec3) -> Self {
         Self {
@@ -58,30 +58,30 @@ impl Around {
 }
 
 /// The pictures of one light.
-pub struct Probe {
-    key: Key,
-    around: Around,
+pub struct ProbeBall {
+    key: ProbeKey,
+    around: BallEnvironment,
     pub grey: TextureHandle,
     pub mirror: TextureHandle,
     pub map: TextureHandle,
     pub seen: TextureHandle,
 }
 
-impl Probe {
+impl ProbeBall {
     /// Keeps the pictures up to date.
     pub fn update(
         probe: &mut Option<Self>,
         context: &egui::Context,
         name: &str,
-        key: Key,
-        around: impl FnOnce() -> Around,
+        key: ProbeKey,
+        around: impl FnOnce() -> BallEnvironment,
     ) {
         if probe.as_ref().is_some_and(|p| p.key == key) {
             return;
         }
         // The maps do not turn with the camera.
         let kept = probe.take().filter(|p| {
-            let turned = Key {
+            let turned = ProbeKey {
                 world_from_view: key.world_from_view,
                 ..p.key.clone()
             };

@@ -8,7 +8,7 @@ use transplat_core::environment::EnvironmentMap;
 use transplat_core::environment::MOST_LIGHTS;
 use transplat_core::files::{FileKind, file_kind, load_rig, save_rig, write_environment};
 use transplat_core::scene::{
-    Around, KEY, Light, LightKind, Lit, Rig, RigPreset, is_even, moved_lights,
+    Around, KEY, Light, LightKind, Rig, RigPreset, RigTarget, is_even, moved_lights,
 };
 
 use super::session::{Event, Session};
@@ -78,10 +78,10 @@ const AWAY: f64 = 3.0;
 
 impl Session {
     /// Subject that lights are placed around.
-    pub fn lit(&self) -> Lit {
+    pub fn lit(&self) -> RigTarget {
         let bounds = self.project.scene_bounds();
         let center = bounds.map_or(Vec3::ZERO, |b| b.center);
-        Lit {
+        RigTarget {
             center: self.project.world_from_scene() * center.as_dvec3(),
             radius: bounds.map_or(1.0, |b| f64::from(b.radius).max(1e-6)),
             seen_from: self.project.pose.azimuth,
@@ -110,7 +110,7 @@ impl Session {
     /// Adds another light like one.
     pub fn duplicate_light(&mut self, at: usize) {
         let mut light = self.project.scene.lights[at].clone();
-        let Lit { center, .. } = self.lit();
+        let RigTarget { center, .. } = self.lit();
         let aim = light.source.aim(center);
         // To the other side of where it is seen from: two in one place are hard to take.
         let toward = light.source.position().map_or_else(
@@ -296,7 +296,7 @@ impl Session {
 
     /// Puts a light in a direction of the world from where it shines, as far away from there as it is and not nearer than `least`.
     pub fn put_light(&mut self, at: usize, aim: DVec3, toward: DVec3, least: f64) {
-        let Lit { radius, .. } = self.lit();
+        let RigTarget { radius, .. } = self.lit();
         let light = &mut self.project.scene.lights[at];
         let far = light
             .source

@@ -30,7 +30,7 @@ use transplat_eval::sweep::Point;
 pub const SIDES: [&str; 2] = [tr_later("captured under"), tr_later("relit by")];
 
 /// Change that a job makes to the session.
-pub type Outcome = Box<dyn FnOnce(&mut Session) + Send>;
+pub type SessionChange = Box<dyn FnOnce(&mut Session) + Send>;
 
 /// Event that the window handles itself.
 pub enum Event {
@@ -131,7 +131,7 @@ pub struct Session {
     /// Canvas that draws the project.
     pub canvas: Canvas,
     /// Work for the window itself: exports, dialogs, measurements.
-    pub jobs: Jobs<Outcome>,
+    pub jobs: Jobs<SessionChange>,
     /// The object that the panels are about.
     pub selected: usize,
     /// The light of one's own that is chosen; one too many stands for the last.
@@ -347,10 +347,10 @@ impl Session {
         &mut self,
         kind: Kind,
         label: impl Into<String>,
-        work: impl FnOnce(&Handle<Outcome>) -> Result<T> + Send + 'static,
+        work: impl FnOnce(&Handle<SessionChange>) -> Result<T> + Send + 'static,
         take: impl FnOnce(&mut Self, T) + Send + 'static,
     ) {
-        let finish = |result| -> Outcome {
+        let finish = |result| -> SessionChange {
             Box::new(|session: &mut Self| match result {
                 Ok(made) => take(session, made),
                 Err(error) => session.error(of_error(&error)),

@@ -9,12 +9,12 @@ use transplat_core::rasterize::{Pick, pick};
 use transplat_core::surfels::UpAxis;
 
 use super::annotations::{annotate, draw_crop_box, mark_surfel, tag};
-use super::gestures::{Gesture, Gestures, Press, Step};
+use super::gestures::{DragStep, Gesture, Gestures, Press};
 use super::gizmo::Gizmo;
 use super::light_handles::LightHandles;
 use super::navigation;
+use super::projection::Screen;
 use super::rigs::mirrored;
-use super::screen::Screen;
 use super::session::Session;
 use super::widgets::named;
 use transplat_engine::language::tr;
@@ -365,7 +365,7 @@ impl Viewport {
         }
     }
 
-    fn take_step(&mut self, session: &mut Session, step: &Step) {
+    fn take_step(&mut self, session: &mut Session, step: &DragStep) {
         let part = self.part_at(session, Some(step.pressed_at));
         let shorter = part.width().min(part.height()).max(1.0);
         let (up, by) = (session.project.scene_up(), step.by());

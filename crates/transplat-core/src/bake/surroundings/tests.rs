@@ -5,8 +5,8 @@ use crate::progress::no_progress;
 use crate::surfels::SurfelCloud;
 use crate::synthetic;
 
-fn placed(cloud: &SurfelCloud, scene_from_object: Affine3A) -> Placed {
-    Placed {
+fn placed(cloud: &SurfelCloud, scene_from_object: Affine3A) -> PlacedObject {
+    PlacedObject {
         bake: Arc::new(DirectionalBake::all_rays(cloud)),
         scene_from_object,
         whole: None,
@@ -39,8 +39,8 @@ fn objects_see_each_other_as_parts_of_one_do() {
     let objects = [0, 1].map(|i| placed(&clouds[i], places[i]));
     let directions = directions();
     for (own, other) in [(0, 1), (1, 0)] {
-        let around =
-            Surroundings::trace(&objects, own, Detail::Full, &no_progress).expect("not cancelled");
+        let around = InterObjectVisibility::trace(&objects, own, Detail::Full, &no_progress)
+            .expect("not cancelled");
         let all = merged(
             [&clouds[own], &clouds[other]],
             places[own].inverse() * places[other],
@@ -97,8 +97,8 @@ fn objects_see_each_other_as_parts_of_one_do() {
 fn suns_are_blocked_by_the_others_too() {
     let (clouds, places) = slab_and_ball();
     let objects = [0, 1].map(|i| placed(&clouds[i], places[i]));
-    let around =
-        Surroundings::trace(&objects, 0, Detail::Full, &no_progress).expect("not cancelled");
+    let around = InterObjectVisibility::trace(&objects, 0, Detail::Full, &no_progress)
+        .expect("not cancelled");
     let sun = Vec3::new(0.1, -0.2, 0.97).normalize();
     let tracer = &objects[0].bake.tracer;
     let open = around.open_towards(tracer, sun, |_| true);
@@ -114,13 +114,13 @@ fn suns_are_blocked_by_the_others_too() {
 #[test]
 fn what_is_out_of_sight_changes_nothing() {
     let ball = placed(&synthetic::sphere(300), Affine3A::IDENTITY);
-    let above = Placed {
+    let above = PlacedObject {
         scene_from_object: Affine3A::from_translation(4.0 * Vec3::Z),
         ..ball.clone()
     };
     let objects = [ball.clone(), above];
-    let around =
-        Surroundings::trace(&objects, 0, Detail::Full, &no_progress).expect("not cancelled");
+    let around = InterObjectVisibility::trace(&objects, 0, Detail::Full, &no_progress)
+        .expect("not cancelled");
     for i in (0..ball.bake.len()).filter(|i| ball.bake.normals[*i].z < -0.6) {
         let alone = &ball.bake.directional_visibility;
         assert_eq!(
@@ -135,8 +135,8 @@ fn what_is_out_of_sight_changes_nothing() {
         );
     }
     assert!(around.changed > 0 && around.changed < ball.bake.len());
-    let alone =
-        Surroundings::trace(&objects[..1], 0, Detail::Full, &no_progress).expect("not cancelled");
+    let alone = InterObjectVisibility::trace(&objects[..1], 0, Detail::Full, &no_progress)
+        .expect("not cancelled");
     assert_eq!((alone.changed, alone.first), (0, 0));
     assert_eq!(
         alone.directional_visibility.open,
@@ -157,7 +157,8 @@ fn what_is_traced_coarsely_is_close() {
         placed(&synthetic::sphere(700), over),
     ];
     let openness = |detail| {
-        let around = Surroundings::trace(&objects, 0, detail, &no_progress).expect("not cancelled");
+        let around =
+            InterObjectVisibility::trace(&objects, 0, detail, &no_progress).expect("not cancelled");
         around
             .directional_visibility
             .openness(&objects[0].bake.normals)
@@ -176,6 +177,6 @@ fn what_is_traced_coarsely_is_close() {
 fn cancelling_stops() {
     let ball = placed(&synthetic::sphere(50), Affine3A::IDENTITY);
     let stop = |_: f64| std::ops::ControlFlow::Break(());
-    let result = Surroundings::trace(&[ball.clone(), ball], 0, Detail::Full, &stop);
+    let result = InterObjectVisibility::trace(&[ball.clone(), ball], 0, Detail::Full, &stop);
     assert!(matches!(result, Err(Error::Cancelled)));
 }

@@ -35,13 +35,13 @@ const MODELS: [(&str, usize, bool); 14] = [
     ("DIVISION", 5, true),
 ];
 
-struct Lens {
+struct ColmapLens {
     model: usize,
     size: [usize; 2],
     numbers: Vec<f64>,
 }
 
-struct Picture {
+struct ColmapImage {
     /// w, x, y, z, of the turn from the world to the camera.
     turn: [f64; 4],
     /// The world's origin as the camera sees it.
@@ -98,8 +98,8 @@ pub fn load(folder: &Path) -> Result<CameraFile> {
 }
 
 fn frame(
-    image: &Picture,
-    lens: &Lens,
+    image: &ColmapImage,
+    lens: &ColmapLens,
     off: &mut Offsets,
 ) -> std::result::Result<CameraFrame, &'static str> {
     let (name, count, has_two) = MODELS[lens.model];
@@ -145,7 +145,7 @@ fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, String)> {
     lines.filter(|(_, line)| !line.starts_with('#') && *line != "\u{feff}")
 }
 
-fn text_lenses(bytes: &[u8]) -> Read<HashMap<i64, Lens>> {
+fn text_lenses(bytes: &[u8]) -> Read<HashMap<i64, ColmapLens>> {
     let lines = lines(bytes).filter(|(_, line)| !line.is_empty());
     lines
         .map(|(at, line)| {
@@ -162,7 +162,7 @@ fn text_lenses(bytes: &[u8]) -> Read<HashMap<i64, Lens>> {
             let mut edge = || words.next()?.parse().ok();
             let size = [edge().ok_or_else(broken)?, edge().ok_or_else(broken)?];
             let numbers: Option<Vec<f64>> = words.map(|w| w.parse().ok()).collect();
-            let lens = Lens {
+            let lens = ColmapLens {
                 model,
                 size,
                 numbers: numbers.ok_or_else(broken)?,
@@ -190,7 +190,7 @@ fn is_of_points(line: &str) -> bool {
 }
 
 /// Lines of images, each of which may be followed by one of the points in it.
-fn text_pictures(bytes: &[u8]) -> Read<Vec<Picture>> {
+fn text_pictures(bytes: &[u8]) -> Read<Vec<ColmapImage>> {
     let mut pictures = Vec::new();
     let mut points_may_follow = false;
     for (at, line) in lines(bytes) {
@@ -218,7 +218,7 @@ fn text_pictures(bytes: &[u8]) -> Read<Vec<Picture>> {
     }
 }
 
-fn text_picture(line: &str) -> Option<Picture> {
+fn text_picture(line: &str) -> Option<ColmapImage> {
     // A name may hold spaces, and what stands before it any number of them.
     let mut rest = line;
     let mut word = || {
@@ -232,7 +232,7 @@ fn text_picture(line: &str) -> Option<Picture> {
     let origin = [number()?, number()?, number()?];
     let lens = word()?.parse().ok()?;
     let name = rest.trim();
-    (!name.is_empty()).then(|| Picture {
+    (!name.is_empty()).then(|| ColmapImage {
         turn,
         origin,
         lens,
@@ -275,7 +275,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-fn binary_lenses(bytes: &[u8]) -> Read<HashMap<i64, Lens>> {
+fn binary_lenses(bytes: &[u8]) -> Read<HashMap<i64, ColmapLens>> {
     let mut reader = Reader(bytes);
     let cut = || "it ends too early".to_owned();
     let mut lenses = HashMap::new();
@@ -288,7 +288,7 @@ fn binary_lenses(bytes: &[u8]) -> Read<HashMap<i64, Lens>> {
         let size = [edge()?, edge()?];
         let count = MODELS[model].1;
         let numbers: Option<Vec<f64>> = (0..count).map(|_| reader.f64()).collect();
-        let lens = Lens {
+        let lens = ColmapLens {
             model,
             size,
             numbers: numbers.ok_or_else(cut)?,
@@ -298,7 +298,7 @@ fn binary_lenses(bytes: &[u8]) -> Read<HashMap<i64, Lens>> {
     Ok(lenses)
 }
 
-fn binary_pictures(bytes: &[u8]) -> Read<Vec<Picture>> {
+fn binary_pictures(bytes: &[u8]) -> Read<Vec<ColmapImage>> {
     let mut reader = Reader(bytes);
     let cut = || "it ends too early".to_owned();
     let mut pictures = Vec::new();
@@ -308,7 +308,7 @@ fn binary_pictures(bytes: &[u8]) -> Read<Vec<Picture>> {
     Ok(pictures)
 }
 
-fn binary_picture(reader: &mut Reader<'_>) -> Option<Picture> {
+fn binary_picture(reader: &mut Reader<'_>) -> Option<ColmapImage> {
     reader.i32()?;
     let mut number = || reader.f64();
     let turn = [number()?, number()?, number()?, number()?];
@@ -316,7 +316,7 @@ fn binary_picture(reader: &mut Reader<'_>) -> Option<Picture> {
     let (lens, name) = (reader.i32()?, reader.text()?);
     let points = reader.u64()?;
     reader.skip(points.checked_mul(24)?)?;
-    Some(Picture {
+    Some(ColmapImage {
         turn,
         origin,
         lens,

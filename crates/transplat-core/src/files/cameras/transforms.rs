@@ -18,32 +18,32 @@ const DATAPARSER: &str = "dataparser_transforms.json";
 #[derive(Deserialize)]
 struct File {
     #[serde(flatten)]
-    lens: Lens,
+    lens: JsonLens,
     frames: Vec<FrameEntry>,
-    applied_transform: Option<Rows>,
+    applied_transform: Option<MatrixRows>,
 }
 
 #[derive(Deserialize)]
 struct FrameEntry {
     #[serde(flatten)]
-    lens: Lens,
+    lens: JsonLens,
     #[serde(default)]
     file_path: Option<String>,
-    transform_matrix: Rows,
+    transform_matrix: MatrixRows,
 }
 
 /// Rows of a matrix of 3 x 4 or 4 x 4; what is no number is none.
-type Rows = Vec<Vec<Option<f64>>>;
+type MatrixRows = Vec<Vec<Option<f64>>>;
 
 #[derive(Deserialize)]
 struct Dataparser {
-    transform: Rows,
+    transform: MatrixRows,
     scale: f64,
 }
 
 /// A camera of the reference trainer: OpenCV axes, camera to world.
 #[derive(Deserialize)]
-struct Reference {
+struct ReferenceCamera {
     #[serde(default)]
     img_name: Option<String>,
     width: f64,
@@ -56,7 +56,7 @@ struct Reference {
 
 /// The frame's own, or that of all; focal length and principal point are in pixels.
 #[derive(Clone, Default, Deserialize)]
-struct Lens {
+struct JsonLens {
     camera_angle_x: Option<f64>,
     camera_angle_y: Option<f64>,
     fl_x: Option<f64>,
@@ -75,7 +75,7 @@ struct Lens {
     is_fisheye: Option<bool>,
 }
 
-impl Lens {
+impl JsonLens {
     /// Fills missing values from those of all frames.
     fn or(self, all: &Self) -> Self {
         // Of a field of view whichever a frame has itself counts.
@@ -226,7 +226,7 @@ fn dataparser(path: &Path) -> Option<Placement> {
 }
 
 /// Cameras as they were before a transform was applied to them.
-fn undone(transform: &Rows) -> Option<Placement> {
+fn undone(transform: &MatrixRows) -> Option<Placement> {
     let applied = DAffine3::from_mat4(pose(transform)?);
     Some(Placement {
         splat_from_cameras: applied.inverse(),
@@ -236,7 +236,7 @@ fn undone(transform: &Rows) -> Option<Placement> {
 
 /// Reads a `cameras.json` of the reference trainer.
 pub fn of_reference(path: &Path, text: &[u8]) -> Result<CameraFile> {
-    let cameras: Vec<Reference> = decode::json(text).map_err(|why| {
+    let cameras: Vec<ReferenceCamera> = decode::json(text).map_err(|why| {
         let what = "no file of cameras (cameras.json: position, rotation, fx, fy, width, height)";
         Error::invalid(path, format!("{what}: {why}"))
     })?;
@@ -244,12 +244,12 @@ pub fn of_reference(path: &Path, text: &[u8]) -> Result<CameraFile> {
     let mut frames = Vec::new();
     for (i, camera) in cameras.into_iter().enumerate() {
         let invalid = |why: &str| Error::invalid(path, format!("camera {i}: {why}"));
-        let lens = Lens {
+        let lens = JsonLens {
             fl_x: camera.fx,
             fl_y: camera.fy,
             w: Some(camera.width),
             h: Some(camera.height),
-            ..Lens::default()
+            ..JsonLens::default()
         };
         off.stretched |= lens.is_stretched();
         let axes = DMat3::from_cols_array_2d(&camera.rotation).transpose();
@@ -275,7 +275,7 @@ pub fn of_reference(path: &Path, text: &[u8]) -> Result<CameraFile> {
     })
 }
 
-fn pose(rows: &Rows) -> Option<DMat4> {
+fn pose(rows: &MatrixRows) -> Option<DMat4> {
     let mut values = [[0.0, 0.0, 0.0, 1.0]; 4];
     if !(3..=4).contains(&rows.len()) || rows.iter().any(|row| row.len() != 4) {
         return None;

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 use super::names::{BINARY_CHUNK, EXTENSION, JSON_CHUNK, MAGIC, MAX_DEGREE};
 use crate::color::STORED_OFFSET;
 use crate::files::packed::color_of_dc;
-use crate::files::written::{Gaussian, MATERIAL, MaterialProperty, Written};
+use crate::files::written::{Gaussian, MATERIAL, MaterialProperty, WritableSplat};
 use crate::sh::{SQRT_4PI, coefficient_count};
 
 const F32: u32 = 5126;
@@ -16,7 +16,10 @@ const F32: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
 
 /// Writes a splat.
-pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Result<()> {
+pub(in crate::files) fn write(
+    splat: &WritableSplat<'_>,
+    out: &mut impl Write,
+) -> std::io::Result<()> {
     let n = splat.len();
     // Linear colour has in it what is added to stored colour.
     let offset = if splat.is_linear {
@@ -141,7 +144,7 @@ pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std:
 }
 
 /// Least and greatest coordinates.
-fn ends(splat: &Written<'_>) -> [[f32; 3]; 2] {
+fn ends(splat: &WritableSplat<'_>) -> [[f32; 3]; 2] {
     let positions = || {
         splat
             .order

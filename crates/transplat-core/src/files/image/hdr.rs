@@ -32,7 +32,7 @@ pub fn size(path: &Path) -> Result<[usize; 2]> {
     Ok(header.size())
 }
 
-struct Header {
+struct HdrHeader {
     /// Divisor of stored values that yields radiance, by channel.
     exposure: [f32; 3],
     xyz: bool,
@@ -48,7 +48,7 @@ struct Header {
     flip_y: bool,
 }
 
-impl Header {
+impl HdrHeader {
     /// Width and height.
     fn size(&self) -> [usize; 2] {
         let (lines, length) = (self.scanlines, self.length);
@@ -112,7 +112,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Image> {
     Ok(image)
 }
 
-fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
+fn parse_header(bytes: &[u8]) -> Result<(HdrHeader, &[u8]), String> {
     let mut rest = bytes;
     let mut exposure = [1f32; 3];
     let (mut xyz, mut primaries, mut warnings) = (false, None, Vec::new());
@@ -189,7 +189,7 @@ fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
         ("+Y" | "-Y", "+X" | "-X") => (false, second, first),
         _ => return Err(problem()),
     };
-    let header = Header {
+    let header = HdrHeader {
         exposure,
         xyz,
         primaries,

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::header::Header;
-use crate::files::written::Written;
+use crate::files::written::WritableSplat;
 use crate::surfels::UpAxis;
 
 /// As Brush and Postshot write that the opacities were compensated for the low-pass in training.
@@ -32,7 +32,10 @@ fn up_axis_of(comment: &str) -> Option<UpAxis> {
 }
 
 /// Writes what is known of a splat beside its surfels.
-pub(super) fn write_comments(splat: &Written<'_>, out: &mut impl Write) -> std::io::Result<()> {
+pub(super) fn write_comments(
+    splat: &WritableSplat<'_>,
+    out: &mut impl Write,
+) -> std::io::Result<()> {
     if let Some(up) = splat.up {
         writeln!(out, "comment Vertical axis: {}", up.name())?;
     }

@@ -13,7 +13,7 @@ use crate::files::packed::{
 };
 use crate::files::read::read_exactly;
 use crate::files::rows::{Builder, Finished, SplatKind, StoredRow};
-use crate::files::written::{Gaussian, Written};
+use crate::files::written::{Gaussian, WritableSplat};
 use crate::sh::coefficient_count;
 
 /// The highest degree that the format knows.
@@ -220,7 +220,10 @@ fn packed_values(g: &Gaussian<'_>) -> [[f32; 3]; 3] {
 }
 
 /// Writes a splat.
-pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Result<()> {
+pub(in crate::files) fn write(
+    splat: &WritableSplat<'_>,
+    out: &mut impl Write,
+) -> std::io::Result<()> {
     let (n, degree) = (splat.len(), splat.degree.min(MAX_DEGREE));
     writeln!(out, "ply\nformat binary_little_endian 1.0")?;
     write_comments(splat, out)?;

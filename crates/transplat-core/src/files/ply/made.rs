@@ -6,14 +6,17 @@ use glam::DVec3;
 
 use super::comments::write_comments;
 use crate::files::packed::logit;
-use crate::files::written::{MATERIAL, Written};
+use crate::files::written::{MATERIAL, WritableSplat};
 use crate::sh::coefficient_count;
 
 /// Logit of an opacity that rounds to 1: what a logistic function of f32 can still tell from it.
 const MOST_LOGIT: f32 = 16.0;
 
 /// Writes a splat.
-pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Result<()> {
+pub(in crate::files) fn write(
+    splat: &WritableSplat<'_>,
+    out: &mut impl Write,
+) -> std::io::Result<()> {
     let k = coefficient_count(splat.degree);
     writeln!(out, "ply\nformat binary_little_endian 1.0")?;
     write_comments(splat, out)?;

@@ -59,7 +59,7 @@ pub(super) fn palette(vectors: &[f32], d: usize, most: usize) -> (Vec<f32>, Vec<
     let n = vectors.len() / d;
     let mut order: Vec<u32> = (0..n as u32).collect();
     // Levels of the tree, each of as many parts as there is room for; the vectors of a part lie together.
-    let mut parts = vec![Part::new(vectors, d, &order)];
+    let mut parts = vec![CodebookPart::new(vectors, d, &order)];
     while parts.len() < most {
         let room = most - parts.len();
         let mut worst: Vec<usize> = (0..parts.len())
@@ -88,7 +88,10 @@ pub(super) fn palette(vectors: &[f32], d: usize, most: usize) -> (Vec<f32>, Vec<
                 }
                 let middle = part.divide(vectors, d, own);
                 let (low, high) = own.split_at(middle);
-                vec![Part::new(vectors, d, low), Part::new(vectors, d, high)]
+                vec![
+                    CodebookPart::new(vectors, d, low),
+                    CodebookPart::new(vectors, d, high),
+                ]
             });
         parts = made.collect();
     }
@@ -104,14 +107,14 @@ pub(super) fn palette(vectors: &[f32], d: usize, most: usize) -> (Vec<f32>, Vec<
 }
 
 /// Vectors that one stands for.
-struct Part {
+struct CodebookPart {
     count: usize,
     mean: Vec<f32>,
     /// Sum of squared distances from the mean.
     spread: f32,
 }
 
-impl Part {
+impl CodebookPart {
     fn new(vectors: &[f32], d: usize, of: &[u32]) -> Self {
         let mut mean = vec![0f32; d];
         for i in of {

@@ -11,7 +11,7 @@ use zip::{CompressionMethod, ZipWriter};
 use super::codebook::{codebook, nearest, palette};
 use super::layout::{ENTRIES_IN_A_ROW, META, ROTATION_MODE};
 use crate::files::packed::{component_share, share_code, without_largest};
-use crate::files::written::Written;
+use crate::files::written::WritableSplat;
 use crate::sh::coefficient_count;
 
 /// The highest degree that the format knows.
@@ -22,7 +22,7 @@ const MAX_ENTRIES: usize = 1 << 16;
 
 /// Writes a splat, of which so many that a picture holds them.
 pub(in crate::files) fn write(
-    splat: &Written<'_>,
+    splat: &WritableSplat<'_>,
     out: &mut (impl Write + Seek),
 ) -> std::io::Result<()> {
     let n = splat.len();

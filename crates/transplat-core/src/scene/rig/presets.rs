@@ -22,7 +22,7 @@ pub enum RigPreset {
 
 /// Target of a rig: its middle and radius in the Z-up world, and the azimuth that it is seen from, in degrees.
 #[derive(Clone, Copy, Debug)]
-pub struct Lit {
+pub struct RigTarget {
     /// The middle.
     pub center: DVec3,
     /// Radius from there.
@@ -34,7 +34,7 @@ pub struct Lit {
 /// Irradiance of the main light: a white surface that faces it has radiance 1.
 pub const KEY: f32 = std::f32::consts::PI;
 
-impl Lit {
+impl RigTarget {
     /// A place around it: degrees to the right of where it is seen from, degrees above the horizon, and how many radii away.
     pub fn around(&self, right: f64, above: f64, radii: f64) -> Placed {
         let azimuth = (self.seen_from + right).to_radians();
@@ -59,7 +59,7 @@ impl RigPreset {
     ];
 
     /// Its lights around what they are to light, and the radiance of what is around them.
-    pub(super) fn lights(self, lit: Lit) -> (Vec<Light>, [f32; 3]) {
+    pub(super) fn lights(self, lit: RigTarget) -> (Vec<Light>, [f32; 3]) {
         let light = |name: &str, kind, [right, above, radii]: [f64; 3], share: f32| {
             let placed = lit.around(right, above, radii);
             Light {
@@ -129,7 +129,7 @@ mod tests {
     /// Of anything, however large and wherever: the light on its middle is the same.
     #[test]
     fn rigs_fit_what_they_light() {
-        let lit = |center: DVec3, radius| Lit {
+        let lit = |center: DVec3, radius| RigTarget {
             center,
             radius,
             seen_from: 30.0,

@@ -8,13 +8,13 @@ use super::light::{FixedTo, Light, LightSource};
 
 impl Serialize for Light {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        Written::from(self.clone()).serialize(to)
+        LightRecord::from(self.clone()).serialize(to)
     }
 }
 
 impl<'de> Deserialize<'de> for Light {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        let written = Written::deserialize(from)?;
+        let written = LightRecord::deserialize(from)?;
         written.light().map_err(D::Error::custom)
     }
 }
@@ -22,7 +22,7 @@ impl<'de> Deserialize<'de> for Light {
 /// A light as files have it; what it does not need is left out.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-struct Written {
+struct LightRecord {
     #[serde(rename = "type")]
     kind: String,
     #[serde(skip_serializing_if = "String::is_empty")]
@@ -73,7 +73,7 @@ struct Written {
     radiance: Option<[f32; 3]>,
 }
 
-impl Written {
+impl LightRecord {
     /// The light; says what is missing.
     pub fn light(self) -> Result<Light, String> {
         let of = self;
@@ -153,7 +153,7 @@ impl Written {
     }
 }
 
-impl From<Light> for Written {
+impl From<Light> for LightRecord {
     fn from(light: Light) -> Self {
         let head = Self {
             kind: light.source.kind().name().into(),

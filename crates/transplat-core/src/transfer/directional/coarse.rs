@@ -4,7 +4,7 @@ use glam::Vec3A;
 use rayon::prelude::*;
 
 use super::asset::{FrontAndBack, Radiance};
-use super::near::Tracing;
+use super::shadow_rays::Tracing;
 use super::{DirectionalTransfer, added};
 use crate::environment::Illumination;
 use crate::error::Result;

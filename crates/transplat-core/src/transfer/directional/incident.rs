@@ -8,11 +8,11 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::asset::{DirectionalCache, DirectionalLight, FrontAndBack, Planes, Radiance, planes};
-use super::near::{NearLight, Tracing, mean_irradiance};
 use super::rays::Rays;
+use super::shadow_rays::{NearLight, Tracing, mean_irradiance};
 use crate::bake::directional_visibility::DirectionalVisibility;
 use crate::bake::strata::{DIRECTIONS, Hit, PER_STRATUM, STRATA, WORDS};
-use crate::bake::surroundings::Surroundings;
+use crate::bake::surroundings::InterObjectVisibility;
 use crate::environment::{Emitter, IncidentRadiance, LightSample, LightSamples, MOST_LIGHTS};
 use crate::settings::optimizations::{Optimization, Optimizations};
 use crate::settings::{Terms, TransferSettings};
@@ -34,7 +34,7 @@ pub(in crate::transfer) struct Incident<'a> {
     /// The first of them among those whose radiance is given.
     first: usize,
     /// Environment around each direction, as samples from where most of it shines.
-    sky: Sky,
+    sky: IncidentSky,
     /// With the surfels that see them.
     suns: Vec<(LightSample, Vec<bool>)>,
     /// With what the surfels see of them.
@@ -70,14 +70,14 @@ impl Others {
     }
 }
 
-struct Sky {
+struct IncidentSky {
     energy: Planes,
     direction: Planes,
     /// Direction times the sum of energy's channels.
     toward: Planes,
 }
 
-impl Sky {
+impl IncidentSky {
     fn new(light_samples: &[LightSample]) -> Self {
         Self {
             energy: planes(light_samples.iter().map(|b| b.energy)),
@@ -161,7 +161,7 @@ impl DirectionalCache {
         &'a self,
         light: DirectionalLight,
         settings: &TransferSettings,
-        among: Option<&'a Surroundings>,
+        among: Option<&'a InterObjectVisibility>,
     ) -> Incident<'a> {
         let all = settings.optimizations == Optimizations::NONE;
         let tracing = Tracing::Done { all };
@@ -178,7 +178,7 @@ impl DirectionalCache {
         &'a self,
         light: DirectionalLight,
         settings: &TransferSettings,
-        among: Option<&'a Surroundings>,
+        among: Option<&'a InterObjectVisibility>,
         tracing: Tracing,
     ) -> Incident<'a> {
         let terms = settings.terms;
@@ -187,7 +187,7 @@ impl DirectionalCache {
                 &a.directional_visibility
             }),
             first: among.map_or(0, |a| a.first),
-            sky: Sky::new(&light.sky),
+            sky: IncidentSky::new(&light.sky),
             suns: light
                 .suns
                 .iter()
@@ -228,7 +228,7 @@ impl DirectionalCache {
         &self,
         sun: &LightSample,
         terms: Terms,
-        among: Option<&Surroundings>,
+        among: Option<&InterObjectVisibility>,
     ) -> Vec<bool> {
         let bake = &self.bake;
         if !terms.shadow {
@@ -384,7 +384,11 @@ fn lanes_of(plane: &[f32], start: usize) -> [f32; LANES] {
 
 /// Sum over the open directions of cosine times energy, front and, of two sides, back.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn open_irradiance<const SIDES: usize>(n: Vec3, open: &[u64; WORDS], sky: &Sky) -> FrontAndBack {
+fn open_irradiance<const SIDES: usize>(
+    n: Vec3,
+    open: &[u64; WORDS],
+    sky: &IncidentSky,
+) -> FrontAndBack {
     let mut sums = [[[0f32; LANES]; 3]; 2];
     for start in (0..DIRECTIONS).step_by(LANES) {
         let bits = (open[start / 64] >> (start % 64)) as u32;
@@ -414,7 +418,7 @@ fn strata(
     n: Vec3,
     open: &[u64; WORDS],
     directions: &Planes,
-    sky: &Sky,
+    sky: &IncidentSky,
     met: &StratumPlanes,
     out: &mut Rays,
 ) {

@@ -21,7 +21,7 @@ pub type AllMoments = [[Moments; WIDTHS.len()]; 2];
 
 /// Scratch for comparing a surfel's colour with its lobes.
 #[derive(Default)]
-pub struct Held {
+pub struct MomentScratch {
     /// Light that shines on it.
     pub rays: Rays,
     /// Mirrored by each lobe. `[WIDTHS][3][Q]`
@@ -35,7 +35,7 @@ pub struct Held {
     toward: Vec<[f32; 3]>,
 }
 
-impl Held {
+impl MomentScratch {
     /// Mean of one lobe, without or with Fresnel term; `rays` are set.
     pub fn mean(
         &mut self,
@@ -126,7 +126,7 @@ mod tests {
             let nodes = QuadratureNodes::new(degree);
             let q = nodes.count();
             let frame = SurfelFrame::new(Vec3::new(0.3, -0.5, 0.8).normalize());
-            let mut held = Held::default();
+            let mut held = MomentScratch::default();
             for (ray, direction) in lattice(60).into_iter().enumerate() {
                 let energy = [0, 1, 2].map(|c| 1.0 + ((ray * 7 + c) as f32).sin());
                 held.rays.set(ray, &LightSample { direction, energy });

@@ -6,7 +6,7 @@ use super::neighbors::SHARED_LOBES_ERROR;
 use super::specular_lobe::LEAST_GLOSS;
 use super::{
     DirectionalLight, DirectionalTransfer, FrontAndBack, Incident, LEAST_IRRADIANCE, Radiance,
-    Scratch, TURNS,
+    TURNS, TransferScratch,
 };
 use crate::color_rows::ColorRows;
 use crate::environment::Illumination;
@@ -54,7 +54,7 @@ impl DirectionalTransfer {
     ) -> RelitRows {
         let asset = &*self.asset;
         let k = coefficient_count(asset.nodes.degree);
-        sh.fill(Scratch::default, |scratch, first, out| {
+        sh.fill(TransferScratch::default, |scratch, first, out| {
             scratch.backs.clear();
             for (at, out) in out.chunks_exact_mut(k).enumerate() {
                 let i = first + at;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::asset::{DirectionalCache, Radiance};
 use super::incident::Incident;
 use super::lobe::{WIDTHS, peak};
-use super::moments::{AllMoments, Held};
+use super::moments::{AllMoments, MomentScratch};
 use super::neighbors::Neighbors;
 use super::nodes::SurfelFrame;
 use crate::numeric::smoothstep;
@@ -84,7 +84,7 @@ pub(super) fn fit_lobes(
     }
     let (moments, variances): (Vec<AllMoments>, Vec<[f32; 3]>) =
         (asset.neighbors.asked().par_iter())
-            .map_init(Held::default, |held, i| {
+            .map_init(MomentScratch::default, |held, i| {
                 let i = *i as usize;
                 let colors = &asset.colors_of(i)[..];
                 asset.rays_of(i, light, radiance, &mut held.rays);
@@ -143,14 +143,14 @@ fn regress(
     kind: usize,
 ) -> Vec<Regressed> {
     let visible_weight = &asset.bake.visible_weight;
-    let of_group = |around: &[u32]| -> [Sums; WIDTHS.len()] {
+    let of_group = |around: &[u32]| -> [LobeSums; WIDTHS.len()] {
         // Only those that are asked are anyone's neighbours.
         let each = || {
             let surfels = around.iter().map(|j| *j as usize);
             surfels.filter_map(|j| Some((j, asset.neighbors.place_of(j)?)))
         };
         let total: f32 = each().map(|(j, _)| visible_weight[j]).sum();
-        let mut sums = [Sums::default(); WIDTHS.len()];
+        let mut sums = [LobeSums::default(); WIDTHS.len()];
         for (j, at) in each() {
             let share = share_of(visible_weight[j], total, around.len());
             let brightness: f32 = asset.means[j][0].iter().map(|c| c * c).sum();
@@ -177,7 +177,7 @@ fn regress(
             let sums = &sums[asset.neighbors.group_of(i)];
             for (
                 w,
-                Sums {
+                LobeSums {
                     num,
                     den,
                     var,
@@ -220,7 +220,7 @@ fn regress(
 /// Sums over surfels around one, by visible weight: covariance of what is seen and what the lobe sees, and their variances; and the three with each
 /// surfel's brightness divided out, all channels together.
 #[derive(Clone, Copy, Default)]
-struct Sums {
+struct LobeSums {
     num: [f32; 3],
     den: [f32; 3],
     var: [f32; 3],
@@ -269,7 +269,7 @@ fn choose(
         .into_par_iter()
         .enumerate()
         .map_init(
-            Held::default,
+            MomentScratch::default,
             |held, (i, [shown, shining, width, weight])| {
                 let metallic = smoothstep(METAL[0], METAL[1], shown / (white * shining).max(1e-9));
                 let is_metal = metallic > 0.0;

@@ -35,7 +35,7 @@ pub(super) struct Extent {
 }
 
 /// Rows that blocks are gathered from.
-pub(super) struct Rows<'a> {
+pub(super) struct BlockRows<'a> {
     /// `[n]`
     pub normals: &'a [Vec3],
     /// `[n][K]`; empty where the shadow term is off.
@@ -47,7 +47,7 @@ pub(super) struct Rows<'a> {
 }
 
 impl Block {
-    pub(super) fn new(p: &Rows<'_>, extent: Extent, first: usize) -> Self {
+    pub(super) fn new(p: &BlockRows<'_>, extent: Extent, first: usize) -> Self {
         let gather = |value: &dyn Fn(usize) -> f32| {
             Lanes(std::array::from_fn(|lane| {
                 value((first + lane).min(p.normals.len() - 1))

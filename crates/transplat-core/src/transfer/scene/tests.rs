@@ -5,7 +5,7 @@ use glam::{Affine3A, DMat3, Quat, Vec3};
 use super::*;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::scene::SceneBake;
-use crate::bake::surroundings::Placed;
+use crate::bake::surroundings::PlacedObject;
 use crate::environment::{Emitter, Illumination, LightSample, Shape};
 use crate::progress::no_progress;
 use crate::settings::TransferSettings;
@@ -30,8 +30,8 @@ fn scene_of(objects: &[(SurfelCloud, Affine3A)]) -> SceneTransfer {
             Arc::new(transfer.expect("with beams"))
         })
         .collect();
-    let placed: Vec<Placed> = (transfers.iter().zip(objects))
-        .map(|(t, (_, place))| Placed {
+    let placed: Vec<PlacedObject> = (transfers.iter().zip(objects))
+        .map(|(t, (_, place))| PlacedObject {
             bake: t.asset.bake.clone(),
             scene_from_object: *place,
             whole: None,
@@ -240,11 +240,14 @@ fn together(
     place: Affine3A,
 ) -> SceneTransfer {
     let places = [place, Affine3A::IDENTITY];
-    let placed = parts.iter().zip(places).map(|((_, t), place)| Placed {
-        bake: t.asset.bake.clone(),
-        scene_from_object: place,
-        whole: Some(whole.asset.bake.clone()),
-    });
+    let placed = parts
+        .iter()
+        .zip(places)
+        .map(|((_, t), place)| PlacedObject {
+            bake: t.asset.bake.clone(),
+            scene_from_object: place,
+            whole: Some(whole.asset.bake.clone()),
+        });
     let bake = SceneBake::new(placed.collect(), &no_progress).expect("not cancelled");
     SceneTransfer::new(
         parts.iter().map(|(_, t)| t.clone()).collect(),

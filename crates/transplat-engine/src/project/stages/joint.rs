@@ -6,7 +6,7 @@ use std::time::Instant;
 use glam::DMat3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::scene::SceneBake;
-use transplat_core::bake::surroundings::{Detail, Placed};
+use transplat_core::bake::surroundings::{Detail, PlacedObject};
 use transplat_core::environment::Illumination;
 use transplat_core::present;
 use transplat_core::scene::{Object, Transform};
@@ -46,7 +46,7 @@ impl Project {
     }
 
     /// Shown objects where they stand, once they are baked for the directional method.
-    fn placed(&self) -> Option<(InterObjectKey, Vec<Placed>)> {
+    fn placed(&self) -> Option<(InterObjectKey, Vec<PlacedObject>)> {
         if self.scene.transfer.method != Method::Directional {
             return None;
         }
@@ -59,7 +59,7 @@ impl Project {
             let scene_from_object = self.scene.objects[at].transform.scene_from_object();
             let key = (state.id, made.version(), scene_from_object);
             let part = state.asset.as_ref().and_then(|a| a.part.as_ref());
-            let placed = Placed {
+            let placed = PlacedObject {
                 bake: bake.clone(),
                 scene_from_object,
                 whole: part.and_then(|p| p.capture.known_bake()),

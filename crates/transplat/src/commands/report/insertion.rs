@@ -18,13 +18,13 @@ use transplat_core::transfer::{Part, Relit};
 
 use crate::cli::{LightArgs, ReportArgs};
 use crate::commands::headless::Headless;
-use crate::commands::probe::{Around, Lights, seen};
+use crate::commands::probe::{Lights, ProbeEnvironment, seen};
 use crate::summary::Summary;
 use transplat_engine::device::{Device, Paint};
 use transplat_engine::output::make_folder;
 use transplat_engine::splat::Splat;
 use transplat_eval::ground_truth::insertion::{TruthScene, TruthView};
-use transplat_eval::metrics::Image;
+use transplat_eval::metrics::ComparedImage;
 use transplat_eval::report::page::write;
 
 /// Name of the table that [`run`] writes.
@@ -124,7 +124,7 @@ pub fn run(
     );
     for scene in scenes {
         for insert in scene.inserts() {
-            let subject = Subject::load(scene, insert, device, summary)?;
+            let subject = InsertionSubject::load(scene, insert, device, summary)?;
             for (way, name) in Way::ALL {
                 let Some(relit) = subject.relit(way, summary)? else {
                     continue;
@@ -152,7 +152,7 @@ pub fn run(
 }
 
 /// A scene with an object, ready to be relit and compared.
-struct Subject<'a> {
+struct InsertionSubject<'a> {
     truth: &'a TruthScene,
     insert: &'a str,
     headless: Headless,
@@ -161,7 +161,7 @@ struct Subject<'a> {
     probe: EnvironmentMap,
 }
 
-impl<'a> Subject<'a> {
+impl<'a> InsertionSubject<'a> {
     fn load(
         truth: &'a TruthScene,
         insert: &'a str,
@@ -231,7 +231,7 @@ impl<'a> Subject<'a> {
                 &straight,
                 PngBits::Eight,
             )?;
-            scores.push(compare(&Image::of_display(&raster), view)?);
+            scores.push(compare(&ComparedImage::of_display(&raster), view)?);
         }
         Ok(Score::mean_of(&scores))
     }
@@ -323,7 +323,7 @@ fn probe(headless: &Headless, summary: &mut Summary) -> Result<EnvironmentMap> {
     let scene_from_object = object.transform.scene_from_object();
     let place = scene_from_object.transform_point3(asset.cloud.bounds().center);
     let light = Some(scene.source.clone());
-    let around = Around::load(headless, place, light, summary)?;
+    let around = ProbeEnvironment::load(headless, place, light, summary)?;
     let (painter, _) = headless.device.painter(&headless.cloud)?;
     let lights = Lights {
         around: around.as_ref(),
@@ -351,7 +351,7 @@ fn irradiance(map: &EnvironmentMap, n: Vec3) -> [f64; 3] {
 }
 
 /// A picture against the truth of its view, in the order of [`Score`].
-fn compare(ours: &Image, view: &TruthView) -> Result<[f64; 6]> {
+fn compare(ours: &ComparedImage, view: &TruthView) -> Result<[f64; 6]> {
     let [object, ground, walls] = &view.masks;
     let count = |mask: &[bool]| mask.iter().filter(|m| **m).count();
     let over = |mask: &[bool], least: usize| -> Result<f64> {

@@ -16,7 +16,7 @@ use transplat_core::transfer::Part;
 
 use super::task::{ExportResult, ExportSettings, ExportSides, Task, Turn};
 use crate::viewer::navigation::wrap;
-use crate::viewer::session::{Outcome, Session};
+use crate::viewer::session::{Session, SessionChange};
 use transplat_engine::delight::Delit;
 use transplat_engine::environments::Environment;
 use transplat_engine::jobs::{Handle, Kind};
@@ -164,7 +164,7 @@ pub(super) struct ExportRun<'a> {
     pub light_library: Vec<Arc<Environment>>,
     pub settings: ExportSettings,
     name: String,
-    handle: &'a Handle<Outcome>,
+    handle: &'a Handle<SessionChange>,
 }
 
 impl<'a> ExportRun<'a> {
@@ -172,7 +172,7 @@ impl<'a> ExportRun<'a> {
     ///
     /// # Errors
     /// Nothing is shown, or the look that it is compared with cannot be relit.
-    pub fn of(export: Export, handle: &'a Handle<Outcome>) -> Result<Self> {
+    pub fn of(export: Export, handle: &'a Handle<SessionChange>) -> Result<Self> {
         let mut shots = Shots::of(export.project, handle.watch())?;
         if let Some(look) = export.compared {
             let is_linear = export.settings.format.is_linear();

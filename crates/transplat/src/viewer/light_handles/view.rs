@@ -2,9 +2,9 @@
 
 use eframe::egui::{Pos2, Vec2};
 use glam::{DVec3, Vec3};
-use transplat_core::scene::{Light, LightSource, Lit};
+use transplat_core::scene::{Light, LightSource, RigTarget};
 
-use crate::viewer::screen::{GRAZING, Screen};
+use crate::viewer::projection::{GRAZING, Screen};
 
 /// Distance from a handle at which it is grabbed, in points.
 const REACH: f32 = 9.0;
@@ -23,7 +23,7 @@ const STEEPEST: f64 = 0.9999;
 
 /// Handle of a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Handle {
+pub enum LightHandle {
     /// Moves a light around where it shines.
     Around(usize),
     /// Where the chosen one shines.
@@ -35,8 +35,8 @@ pub enum Handle {
 }
 
 /// A drag, and from where it started.
-pub struct Drag {
-    pub handle: Handle,
+pub struct LightDrag {
+    pub handle: LightHandle,
     pub at: usize,
     pub from: Light,
     /// Where the pointer was in the picture, and from there to what is held.
@@ -54,13 +54,13 @@ pub enum Side {
 }
 
 /// Where the handles of a light are.
-pub struct View<'a> {
+pub struct LightHandleView<'a> {
     pub screen: Screen<'a>,
-    pub lit: Lit,
+    pub lit: RigTarget,
     pub scene_from_world: glam::DMat3,
 }
 
-impl View<'_> {
+impl LightHandleView<'_> {
     fn in_scene(&self, world: DVec3) -> Vec3 {
         (self.scene_from_world * world).as_vec3()
     }
@@ -154,44 +154,44 @@ impl View<'_> {
         &self,
         (lights, chosen): (&[Light], Option<usize>),
         at: Pos2,
-    ) -> Option<Handle> {
+    ) -> Option<LightHandle> {
         let is_near = |point: Option<Pos2>| point.is_some_and(|p| p.distance(at) <= REACH);
         if let Some(chosen) = chosen {
             let source = &lights[chosen].source;
             if is_near(self.away(source)) {
-                return Some(Handle::Away);
+                return Some(LightHandle::Away);
             }
             if is_near(self.rim(source).and_then(|rim| self.point(rim))) {
-                return Some(Handle::Size);
+                return Some(LightHandle::Size);
             }
             let has_aim = source.position().is_some() && source.direction().is_some();
             if has_aim && is_near(self.point(source.aim(self.lit.center))) {
-                return Some(Handle::Aim);
+                return Some(LightHandle::Aim);
             }
         }
         let found = lights
             .iter()
             .enumerate()
             .find(|(_, light)| is_near(Some(self.bulb(&light.source).0)));
-        found.map(|(at, _)| Handle::Around(at))
+        found.map(|(at, _)| LightHandle::Around(at))
     }
 
     /// Where what is held was, in the world.
-    pub fn held(&self, handle: Handle, light: &Light) -> Option<DVec3> {
+    pub fn held(&self, handle: LightHandle, light: &Light) -> Option<DVec3> {
         match handle {
-            Handle::Around(_) | Handle::Away => Some(self.place(&light.source)),
-            Handle::Aim => Some(light.source.aim(self.lit.center)),
-            Handle::Size => self.rim(&light.source),
+            LightHandle::Around(_) | LightHandle::Away => Some(self.place(&light.source)),
+            LightHandle::Aim => Some(light.source.aim(self.lit.center)),
+            LightHandle::Size => self.rim(&light.source),
         }
     }
 
     /// The light as a drag to a point of the picture makes it.
-    pub fn dragged(&self, drag: &Drag, to: glam::Vec2) -> Option<Light> {
+    pub fn dragged(&self, drag: &LightDrag, to: glam::Vec2) -> Option<Light> {
         let mut made = drag.from.clone();
         let (source, at) = (&drag.from.source, to + drag.off);
         let aim = source.aim(self.lit.center);
         match drag.handle {
-            Handle::Around(_) => {
+            LightHandle::Around(_) => {
                 let center = self.in_scene(aim);
                 let far = self.stand(source).distance(aim);
                 let there = match drag.side {
@@ -210,12 +210,12 @@ impl View<'_> {
                 };
                 made.source.put(aim + far * toward, aim);
             }
-            Handle::Aim => {
+            LightHandle::Aim => {
                 let held = self.in_scene(aim);
                 let there = self.screen.on_plane(at, held, self.screen.forward())?;
                 made.source.put(source.position()?, self.in_world(there));
             }
-            Handle::Away => {
+            LightHandle::Away => {
                 let (here, far) = (source.position()?, source.position()?.distance(aim));
                 let axis = self.in_scene((here - aim).try_normalize()?);
                 let moved = f64::from(self.screen.along(at, self.in_scene(here), axis)?);
@@ -223,7 +223,7 @@ impl View<'_> {
                 let far = (far + moved).clamp(least.min(far), 1e3 * self.lit.radius.max(far));
                 made.source.put(aim + far * self.in_world(axis), aim);
             }
-            Handle::Size => self.size(&mut made.source, at)?,
+            LightHandle::Size => self.size(&mut made.source, at)?,
         }
         Some(made)
     }
@@ -331,12 +331,12 @@ mod tests {
     use transplat_core::scene::{KEY, LightKind, Placed};
 
     use super::*;
-    use crate::viewer::screen::tests::{camera, screen};
+    use crate::viewer::projection::tests::{camera, screen};
 
-    fn view(camera: &Camera) -> View<'_> {
-        View {
+    fn view(camera: &Camera) -> LightHandleView<'_> {
+        LightHandleView {
             screen: screen(camera),
-            lit: Lit {
+            lit: RigTarget {
                 center: DVec3::new(0.5, 0.2, 0.3),
                 radius: 0.8,
                 seen_from: 0.0,
@@ -345,7 +345,7 @@ mod tests {
         }
     }
 
-    fn light(kind: LightKind, view: &View<'_>, toward: DVec3) -> Light {
+    fn light(kind: LightKind, view: &LightHandleView<'_>, toward: DVec3) -> Light {
         let placed = Placed {
             position: view.lit.center + 2.0 * toward.normalize(),
             aim: view.lit.center,
@@ -354,9 +354,9 @@ mod tests {
         Light::placed(kind, placed, KEY)
     }
 
-    fn drag_of(view: &View<'_>, from: &Light) -> Drag {
-        Drag {
-            handle: Handle::Around(0),
+    fn drag_of(view: &LightHandleView<'_>, from: &Light) -> LightDrag {
+        LightDrag {
+            handle: LightHandle::Around(0),
             at: 0,
             pointer: glam::Vec2::ZERO,
             off: glam::Vec2::ZERO,
@@ -365,10 +365,14 @@ mod tests {
         }
     }
 
-    fn drag(view: &View<'_>, handle: Handle, from: &Light) -> (Drag, glam::Vec2) {
+    fn drag(
+        view: &LightHandleView<'_>,
+        handle: LightHandle,
+        from: &Light,
+    ) -> (LightDrag, glam::Vec2) {
         let held = view.held(handle, from).expect("a handle");
         let at = view.screen.inside(view.point(held).expect("in front"));
-        let drag = Drag {
+        let drag = LightDrag {
             handle,
             pointer: at,
             ..drag_of(view, from)
@@ -386,7 +390,7 @@ mod tests {
             for toward in [DVec3::new(1.0, -1.0, 0.8), DVec3::new(-1.0, 0.6, 0.4)] {
                 let from = light(kind, &view, toward);
                 let by = glam::Vec2::new(25.0, 14.0);
-                let (held, at) = drag(&view, Handle::Around(0), &from);
+                let (held, at) = drag(&view, LightHandle::Around(0), &from);
                 let made = view.dragged(&held, at + by).expect("a place");
                 let now = view
                     .screen
@@ -394,7 +398,7 @@ mod tests {
                 assert!(now.distance(at + by) < 0.1, "{kind:?} {now} {at}");
                 let aim = made.source.aim(view.lit.center);
                 assert!(aim.distance(view.lit.center) < 1e-3, "{kind:?}");
-                let (held, at) = drag(&view, Handle::Away, &from);
+                let (held, at) = drag(&view, LightHandle::Away, &from);
                 // Outward: away from where it shines.
                 let aim = view
                     .screen
@@ -406,7 +410,7 @@ mod tests {
                 if made.source.direction().is_none() {
                     continue;
                 }
-                let (held, at) = drag(&view, Handle::Aim, &from);
+                let (held, at) = drag(&view, LightHandle::Aim, &from);
                 let made = view.dragged(&held, at + by).expect("a place");
                 let now = made.source.aim(view.lit.center);
                 let now = view.screen.inside(view.point(now).expect("seen"));
@@ -427,7 +431,7 @@ mod tests {
             &view,
             ahead + DVec3::new(0.1, 0.05, 0.2),
         );
-        let (held, at) = drag(&view, Handle::Around(0), &from);
+        let (held, at) = drag(&view, LightHandle::Around(0), &from);
         let by = glam::Vec2::new(25.0, -14.0);
         let made = view.dragged(&held, at + by).expect("a place");
         let now = view
@@ -467,7 +471,7 @@ mod tests {
         let view = view(&camera);
         for kind in [LightKind::Rect, LightKind::Disc, LightKind::Spot] {
             let from = light(kind, &view, DVec3::new(1.0, -1.0, 0.8));
-            let (held, at) = drag(&view, Handle::Size, &from);
+            let (held, at) = drag(&view, LightHandle::Size, &from);
             let middle = match kind {
                 LightKind::Spot => view.lit.center,
                 _ => view.place(&from.source),

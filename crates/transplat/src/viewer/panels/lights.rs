@@ -2,7 +2,7 @@
 
 use eframe::egui::{self, Role, Ui};
 use glam::DVec3;
-use transplat_core::scene::{FixedTo, Light, LightKind, LightSource, Lit, SUN_DEG};
+use transplat_core::scene::{FixedTo, Light, LightKind, LightSource, RigTarget, SUN_DEG};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
@@ -51,7 +51,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     how_bright(ui, &mut session.project.scene.lights[at]);
     let placing = &mut viewer.viewport.placing;
     where_it_is(ui, session, at);
-    let Lit { radius, .. } = session.lit();
+    let RigTarget { radius, .. } = session.lit();
     extent(ui, &mut session.project.scene.lights[at].source, radius);
     by_click(ui, placing);
     fixed_to(ui, session, at);
@@ -60,7 +60,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 /// The lights as directions around what they shine at.
 fn map(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    let (Lit { center, .. }, chosen) = (session.lit(), session.chosen_light());
+    let (RigTarget { center, .. }, chosen) = (session.lit(), session.chosen_light());
     let lights = session.project.scene.lights.iter().enumerate();
     let lights: Vec<_> = lights
         .filter(|(_, light)| light.on)
@@ -244,7 +244,7 @@ fn how_bright(ui: &mut Ui, light: &mut Light) {
 
 /// Where it stands, as seen from what it shines at, and in the world.
 fn where_it_is(ui: &mut Ui, session: &mut Session, at: usize) {
-    let Lit { center, radius, .. } = session.lit();
+    let RigTarget { center, radius, .. } = session.lit();
     let light = &session.project.scene.lights[at];
     let aim = light.source.aim(center);
     let toward = toward(light, center);

@@ -11,7 +11,7 @@ use super::format::{self, SplatFormat};
 use super::kind::{FileKind, file_kind, file_of};
 use super::rows::{NOT_WRITTEN, SplatKind, SplatReport};
 use super::write::write_atomically;
-use super::written::Written;
+use super::written::WritableSplat;
 use super::{gltf, ksplat, ply, read, sog, splat, spz};
 use crate::error::{Error, Result};
 use crate::surfels::{SurfelCloud, UpAxis};
@@ -153,7 +153,7 @@ pub fn load_splat(path: &Path) -> Result<(SurfelCloud, SplatFile)> {
 pub fn losses(asset: &SplatFile, cloud: &SurfelCloud, path: &Path) -> Option<String> {
     let format = SplatFormat::of_name(path).filter(|f| *f != asset.format)?;
     let mut losses = format.losses(cloud);
-    let mut splat = Written::new(cloud, &cloud.sh, asset.order());
+    let mut splat = WritableSplat::new(cloud, &cloud.sh, asset.order());
     format::arrange(format, &mut splat);
     // What is too coarse is not written at all.
     let is_explicit = |r: &format::Rounding| r.is_seen() && !r.is_too_coarse();
@@ -191,15 +191,15 @@ pub fn write_splat(cloud: &SurfelCloud, stored: &[[f32; 3]], path: &Path) -> Res
     let format = SplatFormat::of_name(path).unwrap_or(SplatFormat::Ply);
     let order = (0..cloud.len() as u32).collect();
     // Whatever the cloud's own colour is.
-    let splat = Written {
+    let splat = WritableSplat {
         is_linear: false,
-        ..Written::new(cloud, stored, order)
+        ..WritableSplat::new(cloud, stored, order)
     };
     write_checked(format, splat, path)
 }
 
 /// Writes a splat in a format that holds where its Gaussians are.
-fn write_checked(format: SplatFormat, mut splat: Written<'_>, path: &Path) -> Result<()> {
+fn write_checked(format: SplatFormat, mut splat: WritableSplat<'_>, path: &Path) -> Result<()> {
     format::arrange(format, &mut splat);
     let splat = &splat;
     let rounding = format::rounding(format, splat).filter(format::Rounding::is_too_coarse);
@@ -272,10 +272,10 @@ fn write_anew(
 ) -> Result<()> {
     let format = asset.written_format(path);
     let Some((turn, up)) = turn(asset.format, format, cloud.up) else {
-        let splat = Written {
+        let splat = WritableSplat {
             up: asset.is_up_known(cloud.up).then_some(cloud.up),
             materials: materials.map(|m| &m.each[..]),
-            ..Written::new(cloud, stored, asset.order())
+            ..WritableSplat::new(cloud, stored, asset.order())
         };
         return write_checked(format, splat, path);
     };
@@ -289,9 +289,9 @@ fn write_anew(
         ..colored.transformed(Affine3A::from_quat(turn))
     };
     let materials = materials.map(|m| m.clone().turned(turn));
-    let splat = Written {
+    let splat = WritableSplat {
         materials: materials.as_ref().map(|m| &m.each[..]),
-        ..Written::new(&turned, &turned.sh, asset.order())
+        ..WritableSplat::new(&turned, &turned.sh, asset.order())
     };
     write_checked(format, splat, path)
 }

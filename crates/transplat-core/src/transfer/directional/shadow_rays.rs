@@ -12,7 +12,7 @@ use super::asset::DirectionalCache;
 use super::light_visibility::LightVisibility;
 use super::rays::Rays;
 use crate::bake::strata::STRATA;
-use crate::bake::surroundings::Surroundings;
+use crate::bake::surroundings::InterObjectVisibility;
 use crate::bake::trace::{PACKET, RayStart, Stack, Tracer};
 use crate::environment::{Emitter, FEW, LightSample, MAX_SUNS, MOST_LIGHTS, MOST_PARTS, Shape};
 
@@ -40,7 +40,7 @@ pub enum Tracing {
 
 /// Sums over a surfel's shadow rays to a light, by side.
 #[derive(Clone, Copy, Default)]
-struct Sums {
+struct ShadowSums {
     /// Visible and whole light by side, cosine-weighted.
     sides: [[f32; 2]; 2],
     /// Visible and whole light of each part on the front, not cosine-weighted.
@@ -118,7 +118,7 @@ impl DirectionalCache {
         &self,
         lights: &[Emitter],
         tracing: Tracing,
-        among: Option<&Surroundings>,
+        among: Option<&InterObjectVisibility>,
     ) -> Vec<NearLight> {
         // Among others, what is kept may be of another place.
         let mut kept = Vec::new();
@@ -149,14 +149,14 @@ impl DirectionalCache {
         &self,
         shape: &Shape,
         tracing: Tracing,
-        among: Option<&Surroundings>,
+        among: Option<&InterObjectVisibility>,
     ) -> LightVisibility {
         let (is_shadowed, every) = match tracing {
             Tracing::Done { all } => (true, all),
             Tracing::Known | Tracing::None => (false, false),
         };
         let (tracer, parts) = (&self.bake.tracer, shape.parts());
-        let mut all = vec![Sums::default(); tracer.surfels.len()];
+        let mut all = vec![ShadowSums::default(); tracer.surfels.len()];
         let tracing = (is_shadowed, among);
         let places: Vec<u32> = (0..tracer.order.len() as u32).collect();
         self.trace_some((shape, Squares::Few), &places, tracing, &mut all);
@@ -195,13 +195,13 @@ impl DirectionalCache {
         &self,
         light: (&Shape, Squares),
         places: &[u32],
-        tracing: (bool, Option<&Surroundings>),
-        all: &mut [Sums],
+        tracing: (bool, Option<&InterObjectVisibility>),
+        all: &mut [ShadowSums],
     ) {
         let order = &self.bake.tracer.order;
-        let found: Vec<[Sums; PACKET]> = places
+        let found: Vec<[ShadowSums; PACKET]> = places
             .par_chunks(PACKET)
-            .map_init(Scratch::default, |scratch, places| {
+            .map_init(TraceScratch::default, |scratch, places| {
                 self.trace_batch(light, places, tracing, scratch)
             })
             .collect();
@@ -217,13 +217,13 @@ impl DirectionalCache {
         &self,
         (shape, squares): (&Shape, Squares),
         places: &[u32],
-        (is_shadowed, among): (bool, Option<&Surroundings>),
-        scratch: &mut Scratch,
-    ) -> [Sums; PACKET] {
+        (is_shadowed, among): (bool, Option<&InterObjectVisibility>),
+        scratch: &mut TraceScratch,
+    ) -> [ShadowSums; PACKET] {
         let bake = &self.bake;
         let in_order = |place: &u32| bake.tracer.order[*place as usize];
         let of: Vec<u32> = places.iter().map(in_order).collect();
-        let mut sums = [Sums::default(); PACKET];
+        let mut sums = [ShadowSums::default(); PACKET];
         for k in 0..squares.count(shape) {
             let part = shape.part_of(squares.large(k), FEW);
             scratch.rays.clear();
@@ -266,7 +266,7 @@ impl DirectionalCache {
     }
 }
 
-impl Sums {
+impl ShadowSums {
     /// Adds what the next squares tell, each a quarter of one of those before, if there were any.
     fn add(&mut self, next: &Self) {
         let own = self.sides.iter_mut().chain(&mut self.parts);
@@ -283,7 +283,7 @@ impl Sums {
 
 /// Memory that a thread needs for some surfels, used again for the next.
 #[derive(Default)]
-struct Scratch {
+struct TraceScratch {
     rays: Vec<(RayStart, Vec3, f32)>,
     /// Surfel, side and weights of each ray.
     whose: Vec<(usize, usize, f32, f32)>,
@@ -293,9 +293,9 @@ struct Scratch {
 /// True for each ray that nothing blocks.
 fn unblocked(
     own: &Tracer,
-    among: Option<&Surroundings>,
+    among: Option<&InterObjectVisibility>,
     of: &[u32],
-    scratch: &mut Scratch,
+    scratch: &mut TraceScratch,
 ) -> [bool; PACKET] {
     let mut open = own.unblocked(&scratch.rays, &mut scratch.stack);
     if let Some(others) = among {

@@ -105,20 +105,20 @@ fn next(at: Option<usize>, count: usize, is_forward: bool) -> Option<usize> {
 }
 
 /// Subject of a thumbnail.
-struct Subject {
-    kept: Kept,
-    objects: Vec<Placed>,
+struct ThumbnailSubject {
+    kept: KeptEntry,
+    objects: Vec<CardPlace>,
 }
 
-enum Kept {
+enum KeptEntry {
     Look(Box<Scene>),
     View(CameraPose),
 }
 
 /// An object by its number, where it stands, and whether it is shown.
-type Placed = (u64, Transform, bool);
+type CardPlace = (u64, Transform, bool);
 
-fn placed(session: &Session) -> Vec<Placed> {
+fn placed(session: &Session) -> Vec<CardPlace> {
     let each = session
         .project
         .scene
@@ -142,7 +142,7 @@ enum Wish {
 
 /// Pictures of what is kept, of the objects as they stand: a look once it was shown, a view under the light of the time.
 #[derive(Default)]
-pub struct Thumbnails(Vec<(Subject, TextureHandle)>);
+pub struct Thumbnails(Vec<(ThumbnailSubject, TextureHandle)>);
 
 impl Thumbnails {
     /// The looks that are kept.
@@ -229,18 +229,25 @@ impl Thumbnails {
         }
     }
 
-    fn of_look(&self, look: &Scene, objects: &[Placed]) -> Option<TextureHandle> {
+    fn of_look(&self, look: &Scene, objects: &[CardPlace]) -> Option<TextureHandle> {
         self.find(
             objects,
-            |kept| matches!(kept, Kept::Look(of) if **of == *look),
+            |kept| matches!(kept, KeptEntry::Look(of) if **of == *look),
         )
     }
 
-    fn of_view(&self, pose: &CameraPose, objects: &[Placed]) -> Option<TextureHandle> {
-        self.find(objects, |kept| matches!(kept, Kept::View(of) if of == pose))
+    fn of_view(&self, pose: &CameraPose, objects: &[CardPlace]) -> Option<TextureHandle> {
+        self.find(
+            objects,
+            |kept| matches!(kept, KeptEntry::View(of) if of == pose),
+        )
     }
 
-    fn find(&self, objects: &[Placed], is_it: impl Fn(&Kept) -> bool) -> Option<TextureHandle> {
+    fn find(
+        &self,
+        objects: &[CardPlace],
+        is_it: impl Fn(&KeptEntry) -> bool,
+    ) -> Option<TextureHandle> {
         let mut all = self.0.iter();
         let found = all.find(|(of, _)| of.objects == objects && is_it(&of.kept));
         found.map(|(_, picture)| picture.clone())
@@ -258,10 +265,15 @@ impl Thumbnails {
         let objects = placed(session);
         let shown = session.shown_look().map(|at| &scene.variants[at].look);
         let shown = shown.filter(|look| self.of_look(look, &objects).is_none());
-        let shown = shown.map(|look| (Kept::Look(Box::new(look.clone())), session.project.pose));
+        let shown = shown.map(|look| {
+            (
+                KeptEntry::Look(Box::new(look.clone())),
+                session.project.pose,
+            )
+        });
         let views = scene.bookmarks.iter().map(|kept| kept.camera);
         let views = views.filter(|pose| self.of_view(pose, &objects).is_none());
-        let views = views.map(|pose| (Kept::View(pose), pose));
+        let views = views.map(|pose| (KeptEntry::View(pose), pose));
         let mut missing = shown.into_iter().chain(views);
         let Some((kept, pose)) = missing.next() else {
             return;
@@ -277,7 +289,7 @@ impl Thumbnails {
         if self.0.len() > 2 * MOST_KEPT {
             drop(self.0.remove(0));
         }
-        self.0.push((Subject { kept, objects }, texture));
+        self.0.push((ThumbnailSubject { kept, objects }, texture));
     }
 }
 
