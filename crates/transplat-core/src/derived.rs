@@ -82,8 +82,8 @@ impl<Key: Clone + PartialEq, Value> Derived<Key, Value> {
         self.asked = None;
     }
 
-    /// Asks for what is there, or for nothing: what was asked for is made by another.
-    pub fn ask_for_made(&mut self) {
+    /// Forgets what was asked for and is not made: what is there is what was asked for last.
+    pub fn drop_pending(&mut self) {
         self.asked = self.made_from().cloned();
     }
 

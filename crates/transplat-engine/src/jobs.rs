@@ -97,6 +97,10 @@ impl Signals {
             // Without a graphics card a picture of the window costs what the job would get.
             wake(PROGRESS_INTERVAL);
         }
+        self.go_on()
+    }
+
+    fn go_on(&self) -> ControlFlow<()> {
         match self.cancelled.load(Ordering::Relaxed) {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
@@ -218,10 +222,10 @@ impl<E> Handle<E> {
         }
     }
 
-    /// Follows jobs that are done within this one as if they were it.
+    /// Has jobs within this one stop where it is cancelled.
     pub fn watch(&self) -> Watch {
-        let (signals, wake) = (self.signals.clone(), self.wake.clone());
-        Arc::new(move |_, done| signals.report(done, &wake))
+        let signals = self.signals.clone();
+        Arc::new(move |_, _| signals.go_on())
     }
 
     /// True once it was asked to stop.

@@ -97,7 +97,7 @@ impl ObjectState {
         }
     }
 
-    /// A copy with what is made of the object before it is relit. What is still under way is to be made anew.
+    /// A copy with what is made of the object before it is relit, partial bakes among it.
     pub fn copy(&self) -> Self {
         let mut copy = Self {
             id: self.id,
@@ -111,9 +111,9 @@ impl ObjectState {
             prepared: self.prepared.clone(),
             ..Self::default()
         };
-        copy.prepared.ask_for_made();
+        copy.prepared.drop_pending();
         for bake in copy.bakes.values_mut() {
-            bake.ask_for_made();
+            bake.drop_pending();
         }
         copy
     }

@@ -18,7 +18,7 @@ use glam::{Affine3A, DVec3, Vec3};
 use transplat_core::bake::insertion::InsertionBake;
 use transplat_core::camera::CameraPose;
 use transplat_core::derived::Derived;
-use transplat_core::files::CameraFile;
+use transplat_core::files::{CameraFile, is_same_file};
 use transplat_core::ground::Ground;
 use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform, is_estimate, is_sky};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
@@ -35,6 +35,7 @@ use super::object::{
     ObjectState,
 };
 use super::splat::Splat;
+use crate::language::tr_format;
 use crate::words::of_error;
 use canvas::Canvas;
 
@@ -553,6 +554,22 @@ impl Project {
         scene.environment.set_reading(&light.reading);
         scene.camera = Some(self.pose);
         scene
+    }
+
+    /// Checks that a file may be written over, given others that are open beside the project's.
+    ///
+    /// # Errors
+    /// It is there, and open.
+    pub fn check_not_open(&self, path: &Path, others: &[PathBuf]) -> Result<()> {
+        let files = self.open_files();
+        let is_open = files.iter().chain(others).any(|p| is_same_file(p, path));
+        if path.exists() && is_open {
+            bail!(tr_format!(
+                "{}: is open here and would be lost; choose another name",
+                path.display()
+            ));
+        }
+        Ok(())
     }
 
     /// Splats, bakes and lights that are open.

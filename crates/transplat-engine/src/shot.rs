@@ -59,8 +59,8 @@ impl Shots {
         })
     }
 
-    /// Has a look shown before comparisons in the place of the capture: that of another copy.
-    pub fn compare_with(&mut self, look: Project, watch: Watch, is_linear: bool) -> Result<()> {
+    /// Shows a look before comparisons in the place of the capture: that of another copy.
+    pub fn set_before(&mut self, look: Project, watch: Watch, is_linear: bool) -> Result<()> {
         let scene = look.scene.clone();
         let lut = scene.lut.as_ref().filter(|_| !is_linear);
         let lut = lut.map(|path| load_lut(path)).transpose()?;
@@ -72,7 +72,7 @@ impl Shots {
         Ok(())
     }
 
-    /// Lights the project by another environment, as the settings have the last one turned and as strong.
+    /// Lights the project by another environment. What is set of the last one's file, suns and sky is not its.
     pub fn light_by(&mut self, light: &Environment) {
         let project = &mut self.project;
         if project.environment.light.id != light.id {
@@ -83,30 +83,32 @@ impl Shots {
 
     /// Transfer of all that is shown.
     pub fn prepared(&mut self) -> Result<&PreparedTransfer> {
+        self.project.requested.bakes = true;
+        self.project.requested.transfers = true;
+        self.project.settle()?;
         let (prepared, ..) = self.by()?;
         Ok(prepared)
     }
 
     /// Relights by the light that is set, all or what a view shows of it; some surfels may be left out, `[n]` or empty.
     pub fn relit(&mut self, part: Part, unseen: &[bool]) -> Result<Relit> {
-        self.by()?;
+        self.prepared()?;
         let light = self.project.target_light();
         let (.., transfer) = self.by()?;
         transfer.change_light(&light, part, unseen)?;
         transfer.result()
     }
 
-    /// Settles, with what relights all that is shown.
+    /// Transfer, bake, and the transfer on its device, once the project has settled.
     fn by(&mut self) -> Result<&mut (PreparedTransfer, Arc<Bake>, Transfer)> {
-        let requested = &mut self.project.requested;
-        (requested.bakes, requested.transfers) = (true, true);
-        self.project.settle()?;
         Ok(match &mut self.by {
             Some(by) => by,
             none => {
                 let prepared = self.project.shown_transfer();
                 let made = prepared.zip(self.project.shown_bake());
-                let (prepared, bake) = made.context("the objects are prepared")?;
+                let (prepared, bake) = made.context(tr(
+                    "the objects are still being prepared; try again when that is done",
+                ))?;
                 let (transfer, _) = self.device.transfer(&prepared)?;
                 none.insert((prepared, bake, transfer))
             }
@@ -252,7 +254,11 @@ impl Backdrops {
             let key = (light.id, settings.without_suns, scene.background_blur);
             let known = self.0.iter().position(|(of, _)| *of == key);
             let map = match known {
-                Some(at) => self.0[at].1.clone(),
+                Some(at) => {
+                    let last_seen = self.0.remove(at);
+                    self.0.insert(0, last_seen);
+                    self.0[0].1.clone()
+                }
                 None => {
                     // What is not seen any more goes before the next is read: maps are large.
                     self.0.truncate(KEPT - 1);

@@ -8,11 +8,10 @@ use crate::object::ObjectState;
 use crate::project::{Project, Requested};
 
 impl Project {
-    /// A headless copy with all that is made so far. It requests nothing yet, and makes for itself what is still under way here.
+    /// A headless copy with all that is made so far, partial bakes and stand-ins for lights among it. It requests nothing yet.
     pub fn copy(&self) -> Self {
         let mut copy = Self {
             pose: self.pose,
-            viewport: self.viewport,
             states: self.states.iter().map(ObjectState::copy).collect(),
             captures: self.captures.clone(),
             environments: self.environments.clone(),
@@ -32,10 +31,10 @@ impl Project {
                 self.scene_to_save(),
             )
         };
-        copy.surroundings.ask_for_made();
-        copy.insertion.ask_for_made();
-        copy.inserted.ask_for_made();
-        copy.ground.ask_for_made();
+        copy.surroundings.drop_pending();
+        copy.insertion.drop_pending();
+        copy.inserted.drop_pending();
+        copy.ground.drop_pending();
         copy
     }
 
@@ -52,12 +51,21 @@ impl Project {
         copy
     }
 
-    /// A copy that shows the pinned look, where others are compared with that.
-    pub fn copy_of_compared(&self) -> Option<Self> {
+    /// A copy that shows the pinned look on the objects as they stand now, where others are compared with that.
+    pub fn copy_of_pinned(&self) -> Option<Self> {
         let pinned = self.compared()?;
         let mut copy = self.copy();
         copy.pinned = None;
         copy.scene = pinned.scene.clone();
+        for (pinned, now) in copy.scene.objects.iter_mut().zip(&self.scene.objects) {
+            pinned.shown = now.shown;
+            pinned.transform = now.transform;
+        }
+        for state in &mut copy.states {
+            state
+                .bakes
+                .retain(|_, bake| bake.get().is_some_and(|b| b.share == 1.0));
+        }
         copy.environment = Resolved {
             light: pinned.environment.clone(),
             settings: pinned.scene.environment.clone(),

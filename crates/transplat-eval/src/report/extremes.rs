@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use transplat_core::bake::Bake;
 use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 use transplat_core::environment::Illumination;
@@ -49,7 +49,9 @@ pub fn run(
     let start = Instant::now();
     let mut outcomes = Vec::new();
     for (i, case) in cases.iter().enumerate() {
-        let _ = (how.steps)(i as f64 / cases.len() as f64, case.name);
+        if (how.steps)(i as f64 / cases.len() as f64, case.name).is_break() {
+            bail!("cancelled");
+        }
         for method in Method::ALL {
             let other = gpu.map(|device| {
                 move |prepared: &PreparedTransfer, light: &Illumination| {

@@ -76,7 +76,9 @@ pub fn run(of: &Comparison<'_>, how: Measurement<'_>, device: &Device) -> Result
     let mut round_trips: Vec<RoundTrip> = Vec::new();
     let mut estimates: Vec<LightEstimate> = Vec::new();
     for (i, object) in objects.iter().enumerate() {
-        let _ = (how.steps)(i as f64 / objects.len() as f64, &object.name);
+        if (how.steps)(i as f64 / objects.len() as f64, &object.name).is_break() {
+            bail!("cancelled");
+        }
         let scene = TruthSubject::load(object, device, directions)
             .with_context(|| format!("the object {}", object.name))?;
         let unknown = of

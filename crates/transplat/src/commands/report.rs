@@ -26,7 +26,7 @@ use transplat_eval::ground_truth::insertion::TruthScene;
 use transplat_eval::ground_truth::views::{Views, light};
 use transplat_eval::report::page::{Page, write};
 use transplat_eval::report::truth::{self, Comparison};
-use transplat_eval::report::{Measurement, extremes, skipped, time};
+use transplat_eval::report::{Measurement, Steps, extremes, skipped, time};
 use transplat_eval::sweep::Subject;
 
 /// Name of the page, beside the tables.
@@ -91,11 +91,6 @@ pub fn run(args: &ReportArgs) -> Result<()> {
             ControlFlow::Continue(())
         }
     };
-    let how = Measurement {
-        output: &args.output,
-        is_quick: args.quick,
-        steps: &|_, _| ControlFlow::Continue(()),
-    };
     if let Some(subject) = &subject {
         let devices = devices(args.options.device, &mut summary);
         if parts.contains(&ReportPart::Time) {
@@ -106,7 +101,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
                 device.name()
             ));
             let steps = &steps("measuring settings");
-            let how = Measurement { steps, ..how };
+            let how = with_steps(args, steps);
             let measured = || time::run(how, subject, &devices, &mut page);
             let measured = summary.time("sweep", measured)?;
             summary.set("points", measured.points);
@@ -114,7 +109,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         }
         if parts.contains(&ReportPart::Extremes) {
             let steps = &steps("extreme cases");
-            let how = Measurement { steps, ..how };
+            let how = with_steps(args, steps);
             let tried = extremes::run(how, subject, &devices, &mut page)?;
             summary.add_ms("extremes", tried.ms);
             let [cases, failed] = tried.cases;
@@ -124,7 +119,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         }
         if parts.contains(&ReportPart::Skipped) {
             let steps = &steps("what was left out");
-            let how = Measurement { steps, ..how };
+            let how = with_steps(args, steps);
             let savings = summary.time("skips", || skipped::run(how, subject, &mut page))?;
             savings.saved.iter().for_each(|saved| summary.saved(saved));
             told += &skipped::in_words(&savings);
@@ -137,7 +132,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
             directions: args.options.directions.unwrap_or(DEFAULT_DIRECTIONS),
         };
         let steps = &steps("comparing with the truth");
-        let compared = truth::run(&comparison, Measurement { steps, ..how }, &device)?;
+        let compared = truth::run(&comparison, with_steps(args, steps), &device)?;
         summary.set("pairs", compared.pairs);
         let table = args.output.join(truth::TRUTH_CSV);
         summary.set("table", table.display().to_string());
@@ -270,4 +265,13 @@ fn devices(choice: DeviceChoice, summary: &mut Summary) -> Vec<Device> {
         Err(error) => summary.skip("the GPU", &error.to_string()),
     }
     devices
+}
+
+/// Settings of a part, followed by `steps`.
+fn with_steps<'a>(args: &'a ReportArgs, steps: Steps<'a>) -> Measurement<'a> {
+    Measurement {
+        output: &args.output,
+        is_quick: args.quick,
+        steps,
+    }
 }

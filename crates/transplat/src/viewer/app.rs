@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use eframe::egui;
 use transplat_core::camera::CameraPose;
 use transplat_core::files::{
-    FileKind, SplatFormat, check_folder, file_kind, file_of, is_same_file, load_look,
+    FileKind, SplatFormat, check_folder, file_kind, file_of, load_look,
 };
 use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::optimizations::{Optimization, SkippedWork, Stage};
@@ -460,16 +460,9 @@ impl Viewer {
             Some(e) if may_differ || e.eq_ignore_ascii_case(wanted) => path.to_owned(),
             _ => path.with_added_extension(wanted),
         };
-        let open = self.session.project.open_files();
-        let is_open = open
-            .iter()
-            .chain(&self.light_library.paths)
-            .any(|p| is_same_file(p, &path));
-        if path.exists() && is_open {
-            self.session.error(tr_format!(
-                "{}: is open here and would be lost; choose another name",
-                path.display()
-            ));
+        let project = &self.session.project;
+        if let Err(why) = project.check_not_open(&path, &self.light_library.paths) {
+            self.session.error(why.to_string());
         } else if path.exists() && !(replace && path == asked) {
             self.replacing = Some((path, kind));
         } else {

@@ -43,9 +43,6 @@ pub fn start(
     let label = export.label(&task);
     let work = move |handle: &Handle<SessionChange>| {
         let mut run = ExportRun::of(export, handle)?;
-        if !matches!(task, Task::Splat(_) | Task::Delit(_)) {
-            run.check_size()?;
-        }
         match task {
             Task::ContactSheet => contact_sheet(&mut run),
             task => run.make(&task),

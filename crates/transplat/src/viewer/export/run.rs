@@ -7,11 +7,11 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, bail};
 use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::color::Encoding;
-use transplat_core::files::{folder_of, is_same_file, write_relit, write_splat};
+use transplat_core::files::{folder_of, write_relit, write_splat};
 use transplat_core::present::{self, Background, View};
 use transplat_core::progress::{Progress, tell};
 use transplat_core::rasterize::Raster;
-use transplat_core::scene::{MOST_FRAMES, Scene};
+use transplat_core::scene::{FixedTo, MOST_FRAMES, Scene};
 use transplat_core::transfer::Part;
 
 use super::task::{ExportResult, ExportSettings, ExportSides, Task, Turn};
@@ -19,19 +19,19 @@ use crate::viewer::navigation::wrap;
 use crate::viewer::session::{Session, SessionChange};
 use transplat_engine::delight::Delit;
 use transplat_engine::environments::Environment;
-use transplat_engine::jobs::{Handle, Kind};
+use transplat_engine::jobs::Handle;
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::output::{ImageFormat, Sink, free_name, make_folder};
 use transplat_engine::project::Project;
-use transplat_engine::render::{Lit, MAX_SAMPLES, Studio};
+use transplat_engine::render::{Lit, Studio};
 use transplat_engine::shot::{LayerFiles, Shots};
 use transplat_engine::splat::Splat;
 
 /// An export that was asked for: a copy of the project as it was then, and how it is saved.
 pub struct Export {
     project: Project,
-    /// The look that it is compared with.
-    compared: Option<Project>,
+    /// The pinned look that it is compared with.
+    pinned: Option<Project>,
     /// The object that it is named after.
     name: String,
     light_library: Vec<Arc<Environment>>,
@@ -51,6 +51,9 @@ impl Export {
     ) -> Result<Self> {
         let project = &session.project;
         project.check_loaded()?;
+        if let Task::Splat(path) | Task::Delit(path) | Task::Screenshot(Some(path)) = task {
+            project.check_not_open(path, light_library)?;
+        }
         let first = project.shown().next().map(|(at, ..)| at);
         let at = match task {
             Task::Delit(_) => session.selected,
@@ -65,7 +68,12 @@ impl Export {
         let is_delit = matches!(task, Task::Delit(_));
         let is_composed = project.is_composed() && !is_delit;
         let view = project.scene.view;
-        let is_relit = matches!(task, Task::Splat(_)) || view.needs_relit();
+        let is_each = *task == Task::Screenshot(None) && settings.sides == ExportSides::Each;
+        let is_relit = is_each || matches!(task, Task::Splat(_)) || view.needs_relit();
+        let is_layered = settings.format == ImageFormat::ExrLayers;
+        if is_layered && task.is_of_images() && !is_each && view != View::After {
+            bail!(tr("layers are of what is relit: choose After"));
+        }
         let needs_scene = is_composed && (is_relit || view == View::Visibility);
         if needs_scene && project.scene_transfer_of_now().is_none() {
             bail!(tr(
@@ -76,8 +84,8 @@ impl Export {
             true => project.copy_of_object(at),
             false => project.copy(),
         };
-        let compared = project.copy_of_compared();
-        let compared = compared.filter(|_| !is_delit && view.has_two_sides());
+        let is_compared = !is_delit && view.has_two_sides();
+        let pinned = is_compared.then(|| project.copy_of_pinned()).flatten();
         let is_clear = match settings.format {
             ImageFormat::ExrLayers => copy.scene.background != Background::Backplate,
             _ => settings.transparent,
@@ -89,11 +97,9 @@ impl Export {
             .iter()
             .filter_map(|p| project.environments.get(p).cloned());
         let light_library = known.collect();
-        if is_composed && compared.is_some() {
-            // It is of single objects.
-            copy.pinned = None;
+        if project.is_estimating(at) {
             session.info(tr(
-                "of several objects, what is saved shows the capture beside it, and not what is pinned",
+                "the light of the capture is still being estimated: what is saved takes an assumed one",
             ));
         }
         if share < 1.0 {
@@ -105,7 +111,7 @@ impl Export {
         }
         Ok(Self {
             project: copy,
-            compared: compared.filter(|_| !is_composed),
+            pinned,
             name,
             light_library,
             settings,
@@ -174,9 +180,9 @@ impl<'a> ExportRun<'a> {
     /// Nothing is shown, or the look that it is compared with cannot be relit.
     pub fn of(export: Export, handle: &'a Handle<SessionChange>) -> Result<Self> {
         let mut shots = Shots::of(export.project, handle.watch())?;
-        if let Some(look) = export.compared {
+        if let Some(look) = export.pinned {
             let is_linear = export.settings.format.is_linear();
-            shots.compare_with(look, handle.watch(), is_linear)?;
+            shots.set_before(look, handle.watch(), is_linear)?;
         }
         Ok(Self {
             shots,
@@ -188,7 +194,7 @@ impl<'a> ExportRun<'a> {
     }
 }
 
-impl ExportRun<'_> {
+impl<'a> ExportRun<'a> {
     /// Makes what a task asks for, but for a contact sheet.
     pub fn make(&mut self, task: &Task) -> Result<ExportResult> {
         let view = self.shots.project.scene.view;
@@ -232,7 +238,7 @@ impl ExportRun<'_> {
             Task::Turntable => {
                 let frames = self.settings.frames.max(1);
                 let turn = |frame| 360.0 * frame as f64 / frames as f64;
-                // The camera's turn changes no light: one relight does for all frames.
+                // The camera's turn changes no light but those that are fixed to it: one relight does for all frames.
                 match self.settings.turn {
                     Turn::Camera => self.sequence("", (frames, true), |frame, _, pose| {
                         pose.azimuth = wrap(pose.azimuth + turn(frame));
@@ -258,22 +264,6 @@ impl ExportRun<'_> {
             }
             Task::ContactSheet => bail!("not one picture"),
         }
-    }
-
-    /// Refuses pictures that are too large.
-    pub fn check_size(&self) -> Result<()> {
-        let [width, height] = self.settings.size;
-        let factor = self.settings.supersample;
-        if width * height * factor * factor > MAX_SAMPLES {
-            bail!(tr_format!(
-                "a picture of {width} x {height} with {factor} x {factor} samples a pixel is too large; {MAX_SAMPLES} samples are possible",
-                width = width,
-                height = height,
-                factor = factor,
-                MAX_SAMPLES = MAX_SAMPLES
-            ));
-        }
-        Ok(())
     }
 
     /// A picture of each view and light, by folder and pattern.
@@ -421,7 +411,10 @@ impl ExportRun<'_> {
             environment,
             ..
         } = &self.shots.project;
-        let (scene, pose) = (scene.clone(), *pose);
+        let (scene, from) = (scene.clone(), *pose);
+        let mut lights = scene.lights.iter();
+        let is_followed = lights.any(|light| light.fixed_to == FixedTo::Camera);
+        let light_stays = light_stays && !is_followed;
         let (view, light) = (scene.view, environment.light.name());
         let studio = self.shots.studio(view, self.settings.format.is_linear())?;
         let mut lit = match light_stays {
@@ -437,9 +430,15 @@ impl ExportRun<'_> {
         for frame in 0..frames {
             let progress = self.step(frame, frames);
             tell(&progress, 0.0)?;
-            let (mut now, mut pose) = (scene.clone(), pose);
+            let (mut now, mut pose) = (scene.clone(), from);
             set(frame, &mut now, &mut pose);
-            self.shots.project.scene = now;
+            let project = &mut self.shots.project;
+            project.scene = now;
+            if is_followed {
+                project.pose = pose;
+                project.followed = None;
+                project.bring_lights_along(&from);
+            }
             if !light_stays {
                 lit = self.shots.lit(view)?;
             }
@@ -461,19 +460,6 @@ impl ExportRun<'_> {
         Ok(ExportResult::Files(sink.finish()?))
     }
 
-    /// Refuses to write over what is open.
-    fn spare_captures(&self, path: &Path) -> Result<()> {
-        let states = self.shots.project.states.iter();
-        let mut captures = states.filter_map(|s| s.asset.as_ref());
-        if path.exists() && captures.any(|asset| is_same_file(&asset.path, path)) {
-            bail!(tr_format!(
-                "{}: is the capture itself and would be lost; choose another name",
-                path.display()
-            ));
-        }
-        Ok(())
-    }
-
     /// The first object that is shown.
     fn asset(&self) -> Result<Splat> {
         let first = self.shots.project.shown().next();
@@ -482,7 +468,6 @@ impl ExportRun<'_> {
     }
 
     fn write_delit(&mut self, path: &Path) -> Result<ExportResult> {
-        self.spare_captures(path)?;
         let (asset, settings) = (self.asset()?, self.settings.clone());
         if settings.materials {
             asset.file.written_format(path).check_materials(path)?;
@@ -498,7 +483,6 @@ impl ExportRun<'_> {
     }
 
     fn write_splat(&mut self, path: &Path) -> Result<ExportResult> {
-        self.spare_captures(path)?;
         let relit = self.shots.relit(Part::Whole, &[])?;
         tell(&self.step(0, 1), 0.0)?;
         let cloud = &self.shots.cloud;
@@ -516,8 +500,8 @@ impl ExportRun<'_> {
         &self,
         done: usize,
         of: usize,
-    ) -> impl Fn(f64) -> ControlFlow<()> + Sync + use<> {
-        let watch = self.handle.watch();
-        move |share| watch(Kind::Export, (done as f64 + share) / of as f64)
+    ) -> impl Fn(f64) -> ControlFlow<()> + Sync + use<'a> {
+        let handle = self.handle;
+        move |share| handle.progress((done as f64 + share) / of as f64)
     }
 }

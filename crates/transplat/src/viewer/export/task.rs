@@ -9,6 +9,7 @@ use transplat_core::files::SplatFormat;
 use transplat_engine::delight::DelitAs;
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::output::ImageFormat;
+use transplat_engine::render::MAX_SAMPLES;
 use transplat_engine::video::{FRAME_RATE, VideoFormat};
 
 /// Sides that are saved.
@@ -139,7 +140,23 @@ impl Task {
             }
             _ => {}
         }
+        let [width, height] = settings.size;
+        let factor = settings.supersample;
+        if self.is_of_images() && width * height * factor * factor > MAX_SAMPLES {
+            bail!(tr_format!(
+                "a picture of {width} x {height} with {factor} x {factor} samples a pixel is too large; {MAX_SAMPLES} samples are possible",
+                width = width,
+                height = height,
+                factor = factor,
+                MAX_SAMPLES = MAX_SAMPLES
+            ));
+        }
         Ok(settings)
+    }
+
+    /// True for exports of images, not of splats.
+    pub fn is_of_images(&self) -> bool {
+        !matches!(self, Self::Splat(_) | Self::Delit(_))
     }
 }
 
