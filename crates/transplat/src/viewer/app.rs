@@ -5,9 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use eframe::egui;
 use transplat_core::camera::CameraPose;
-use transplat_core::files::{
-    FileKind, SplatFormat, check_folder, file_kind, file_of, load_look,
-};
+use transplat_core::files::{FileKind, SplatFormat, check_folder, file_kind, file_of, load_look};
 use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::optimizations::{Optimization, SkippedWork, Stage};
 use transplat_gpu::Context;
