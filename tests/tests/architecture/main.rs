@@ -4,7 +4,7 @@ mod page;
 mod ratchets;
 mod sources;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::fs;
 use std::process::Command;
 
@@ -12,7 +12,7 @@ use syn::visit::Visit;
 use transplat_tests::root;
 
 use ratchets::CRATES;
-use sources::{Imports, Module, Paths, imports, modules};
+use sources::{Imports, Module, Paths, imports, sources};
 
 /// What is left when modules that take nothing from what is left are taken away: the rings, and what stands on them.
 fn left_in_rings(mut imports: Imports) -> Imports {
@@ -58,33 +58,25 @@ fn decoders_are_called_through_their_guard_alone() {
         is_json || DECODERS.into_iter().any(has) || path.first().is_some_and(|p| p == "ruzstd")
     };
     let mut callers = BTreeSet::new();
-    let folders = [
-        "transplat-core/src/files",
-        "transplat-engine/src",
-        "transplat-eval/src",
-        "transplat/src",
-    ];
-    for folder in folders {
-        let mut files = BTreeMap::new();
-        modules(&root().join("crates").join(folder), &Vec::new(), &mut files);
-        for (module, file) in &files {
+    for name in CRATES {
+        for (module, file) in &sources(&root().join("crates").join(name).join("src")) {
             let is_test = module.iter().any(|m| m == "tests" || m == "fuzz");
             let mut paths = Paths::default();
             paths.visit_file(file);
             if !is_test && paths.0.iter().any(|path| calls(path)) {
-                callers.insert(module.join("::"));
+                callers.insert(format!("{name}::{}", module.join("::")));
             }
         }
     }
     // Those besides read what the program itself wrote or is built with.
     let known = [
-        "cli::values",
-        "decode",
-        "decode::json",
-        "commands::batch",
-        "commands::info",
-        "viewer::app",
-        "viewer::history",
+        "transplat::cli::values",
+        "transplat-core::files::decode",
+        "transplat-core::files::decode::json",
+        "transplat::commands::batch",
+        "transplat::commands::info",
+        "transplat::viewer::app",
+        "transplat::viewer::history",
     ];
     let known: BTreeSet<String> = known.map(String::from).into();
     assert_eq!(callers, known);

@@ -13,7 +13,7 @@ pub type Module = Vec<String>;
 pub type Imports = BTreeMap<Module, BTreeSet<Module>>;
 
 /// The modules of a crate: one a file.
-pub fn modules(folder: &Path, of: &Module, out: &mut BTreeMap<Module, syn::File>) {
+fn modules(folder: &Path, of: &Module, out: &mut BTreeMap<Module, syn::File>) {
     for entry in fs::read_dir(folder).expect("a folder").flatten() {
         let path = entry.path();
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
