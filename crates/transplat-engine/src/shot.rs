@@ -1,6 +1,6 @@
 //! Shots of a project: the lit scene and its studio, for files, frames and layers.
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result, anyhow};
@@ -118,9 +118,10 @@ impl Shots {
     /// Lights a view: relit where it needs that, and with what is around.
     pub fn lit(&mut self, view: View) -> Result<Lit> {
         self.project.requested.ground = true;
-        self.project.settle()?;
         let mut lit = Lit::default();
-        if view.needs_relit() {
+        if !view.needs_relit() {
+            self.project.settle()?;
+        } else {
             let relit = self.relit(view.part(), &self.project.spared_surfels())?;
             let cloud = self.cloud.clone();
             let (prepared, bake, _) = self.by()?;
@@ -153,8 +154,7 @@ impl Shots {
         factor: usize,
         lit: &Lit,
     ) -> Result<Vec<Channel>> {
-        let relit = lit.relit.clone().filter(|_| studio.view == View::After);
-        let relit = relit.context("layers are of what is relit: choose After")?;
+        let relit = lit.relit.clone().context("nothing is relit")?;
         if self.place.is_none() {
             let (prepared, ..) = self.by()?;
             let prepared = prepared.clone();
@@ -188,24 +188,17 @@ pub fn layers(
     Ok(Layers::new(&objects, relit, alone.transpose()?))
 }
 
-/// Files of a picture in layers: the image, and the look that makes it.
-pub struct LayerFiles {
-    /// The image.
-    pub path: PathBuf,
-    /// The look beside it.
-    pub look_path: PathBuf,
-    /// Settings of the image, its camera among them.
-    pub look: Scene,
-}
-
-impl LayerFiles {
-    /// Writes both.
-    pub fn write(&self, camera: &Camera, channels: Vec<Channel>) -> Result<()> {
-        let made_by = look_text(&self.look).map_err(|why| anyhow!(why))?;
-        let size = [camera.width, camera.height];
-        write_layers(&self.path, size, channels, &made_by)?;
-        Ok(save_look(&self.look_path, &self.look)?)
-    }
+/// Writes a picture in layers, and the look that makes it into a second file.
+pub fn save_layers(
+    path: &Path,
+    look_path: &Path,
+    look: &Scene,
+    size: [usize; 2],
+    channels: Vec<Channel>,
+) -> Result<()> {
+    let made_by = look_text(look).map_err(|why| anyhow!(why))?;
+    write_layers(path, size, channels, &made_by)?;
+    Ok(save_look(look_path, look)?)
 }
 
 /// A studio for all that a project shows, `cloud` being that as one splat, and why it draws on another device than the one asked for. Plate and

@@ -110,7 +110,7 @@ impl Summary {
         }));
     }
 
-    fn told_of(&self, skipped: &SkippedWork) -> Value {
+    fn as_json(&self, skipped: &SkippedWork) -> Value {
         let stage_ms = self.ms(skipped.stage.name());
         json!({
             "what": skipped.what,
@@ -183,7 +183,7 @@ impl Summary {
                 let targets = self.targets.iter().map(told).collect();
                 object.insert("targets".into(), Value::Array(targets));
             }
-            let told = self.skipped.iter().map(|s| self.told_of(s));
+            let told = self.skipped.iter().map(|s| self.as_json(s));
             let skipped = told.chain(self.saved.iter().cloned()).collect();
             object.insert("skipped".into(), Value::Array(skipped));
             object.insert("warnings".into(), json!(self.warnings));

@@ -185,7 +185,7 @@ pub struct SkippedWork {
     pub what: String,
     /// Reason that it was skipped.
     pub why: String,
-    /// By which of the [`Optimizations`], where it can be done all the same.
+    /// Optimization that skipped it, where the work can be forced.
     pub skip: Option<Optimization>,
     /// The stage that is quicker for it.
     pub stage: Stage,

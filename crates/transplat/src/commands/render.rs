@@ -14,7 +14,7 @@ use transplat_core::files::{check_folder, check_output, load_backplate, load_lut
 use transplat_core::present::{Background, View};
 use transplat_core::progress::no_progress;
 use transplat_core::scene::{EVEN, MOST_FRAMES, Scene};
-use transplat_core::settings::optimizations::{Optimization, SkippedWork};
+use transplat_core::settings::optimizations::SkippedWork;
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::headless::{Headless, Target};
@@ -27,7 +27,7 @@ use transplat_engine::device::Transfer;
 use transplat_engine::layers::Layers;
 use transplat_engine::output::{ImageFormat, Sink, make_folder};
 use transplat_engine::render::{Lit, Studio};
-use transplat_engine::shot::{self, Backdrops, LayerFiles};
+use transplat_engine::shot::{self, Backdrops};
 use transplat_engine::video::VideoFormat;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
@@ -369,12 +369,7 @@ impl RenderRun<'_> {
         let place = alone.transpose()?.flatten();
         for target in targets {
             let light = self.headless.light_by(target, summary)?;
-            let optimizations = &self.headless.project.scene.transfer.optimizations;
-            let unseen = if optimizations.has(Optimization::Unseen) {
-                self.studio.hidden.clone()
-            } else {
-                Vec::new()
-            };
+            let unseen = self.headless.project.spared_surfels();
             summary.skipped(SkippedWork::of_unseen(&unseen));
             if self.args.animation {
                 let by = (prepared, &mut transfer, &**bake);
@@ -491,12 +486,10 @@ impl RenderRun<'_> {
             let path = self.output.picture(name, frame.number);
             let taken = || layers.take(&self.studio, &frame.camera, factor, lit);
             let channels = summary.time("rasterize", taken)?;
-            let files = LayerFiles {
-                look_path: look_beside(&path),
-                look: look.clone(),
-                path,
-            };
-            summary.time("export", || files.write(&frame.camera, channels))?;
+            let size = [frame.camera.width, frame.camera.height];
+            summary.time("export", || {
+                shot::save_layers(&path, &look_beside(&path), &look, size, channels)
+            })?;
         }
         Ok(self.frames.len())
     }

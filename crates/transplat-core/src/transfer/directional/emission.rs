@@ -32,9 +32,8 @@ const WELL_LIT: f64 = 0.9;
 /// A colour so pure is twice as little that of a paint, which reflects a few hundredths of all light at its surface.
 const PURE: [f32; 2] = [0.94, 0.99];
 
-/// Where nothing tells what the light was (even light stands in for it), only colours so pure speak of a lamp, and of what is as bright beside them:
-/// bright skin and wood in
-/// the sun look no less bright.
+/// Purity from which colours are a lamp's, or as bright beside one, where the capture light is unknown and even light stands in: bright skin and wood
+/// in the sun look no less bright.
 const LAMPS: [f32; 2] = [0.8, 0.95];
 
 /// Share of its neighbours, by what is seen of them, that glow with it: single ones are noise.

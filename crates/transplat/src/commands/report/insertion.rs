@@ -43,7 +43,7 @@ enum Way {
     Pasted,
     /// Relit by the light that the scene shows at its place; nothing happens to the scene.
     Probe,
-    /// By the light that truly arrives there.
+    /// Relit by the true light at the place.
     Received,
     /// Preset `paper`.
     Paper,

@@ -24,7 +24,7 @@ use transplat_engine::language::{tr, tr_format};
 use transplat_engine::output::{ImageFormat, Sink, free_name, make_folder};
 use transplat_engine::project::Project;
 use transplat_engine::render::{Lit, Studio};
-use transplat_engine::shot::{LayerFiles, Shots};
+use transplat_engine::shot::{Shots, save_layers};
 use transplat_engine::splat::Splat;
 
 /// An export that was asked for: a copy of the project as it was then, and how it is saved.
@@ -192,9 +192,7 @@ impl<'a> ExportRun<'a> {
             handle,
         })
     }
-}
 
-impl<'a> ExportRun<'a> {
     /// Makes what a task asks for, but for a contact sheet.
     pub fn make(&mut self, task: &Task) -> Result<ExportResult> {
         let view = self.shots.project.scene.view;
@@ -334,15 +332,12 @@ impl<'a> ExportRun<'a> {
         make_folder(folder)?;
         let name = path.with_extension("look");
         let stem = name.file_name().unwrap_or_default();
-        let files = LayerFiles {
-            path: path.to_owned(),
-            look_path: free_name(folder, &stem.to_string_lossy(), "json"),
-            look: Scene {
-                camera: Some(*pose),
-                ..self.shots.project.scene.clone()
-            },
+        let look_path = free_name(folder, &stem.to_string_lossy(), "json");
+        let look = Scene {
+            camera: Some(*pose),
+            ..self.shots.project.scene.clone()
         };
-        files.write(&camera, channels)
+        save_layers(path, &look_path, &look, self.settings.size, channels)
     }
 
     fn camera(&self, pose: &CameraPose) -> Camera {
