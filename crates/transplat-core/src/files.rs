@@ -39,7 +39,7 @@ pub use image::{
 pub use kind::{FileKind, file_kind, file_of};
 pub use look::{load_look, load_rig, look_text, save_look, save_rig};
 pub use lut::load_lut;
-pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS, check_readable};
+pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS, SPLAT_ENDINGS, check_readable};
 pub use rows::{SplatKind, SplatReport};
 pub use splat_file::{SplatFile, load_splat, losses, write_delit, write_relit, write_splat};
 pub use write::{

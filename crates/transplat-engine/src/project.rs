@@ -256,6 +256,11 @@ impl Project {
         Self::new(StageDevice::Chosen(device), Jobs::at_once(watch), scene)
     }
 
+    /// Has a headless project's jobs followed by `watch`.
+    pub fn set_watch(&mut self, watch: Watch) {
+        self.jobs = Jobs::at_once(watch);
+    }
+
     fn new(device: StageDevice, jobs: Jobs<Change>, scene: Scene) -> Self {
         Self {
             canvas: None,

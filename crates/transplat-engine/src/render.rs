@@ -173,7 +173,7 @@ pub struct Studio {
     /// Linear light, or display values.
     pub space: ColorSpace,
     /// Rasterizer with the surfels on its device.
-    pub painter: Painter,
+    pub painter: Arc<Painter>,
     /// `[n]` or empty.
     pub hidden: Vec<bool>,
     /// Colours of the channel *visibility*; empty unless it is shown.
@@ -193,7 +193,7 @@ impl Studio {
         scene: Scene,
         view: View,
         linear: bool,
-        painter: Painter,
+        painter: Arc<Painter>,
     ) -> Self {
         let display = scene
             .display

@@ -1,39 +1,55 @@
 //! Shots of a project: the lit scene and its studio, for files, frames and layers.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result, anyhow};
 use transplat_core::bake::Bake;
-use transplat_core::camera::Camera;
+use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::files::{Channel, load_lut, look_text, save_look, write_layers};
+use transplat_core::files::{
+    Channel, folder_of, load_lut, look_text, save_look, write_layers, write_relit, write_splat,
+};
 use transplat_core::present::{Background, View};
 use transplat_core::progress::no_progress;
 use transplat_core::scene::Scene;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
-use crate::device::{Device, Transfer};
+use crate::device::{Device, Painter, Transfer};
 use crate::environments::{Environment, load_map};
-use crate::jobs::{Jobs, Watch};
 use crate::language::tr;
 use crate::layers::Layers;
 use crate::names::name_of;
+use crate::output::make_folder;
 use crate::project::{Project, SOURCE, TARGET};
 use crate::render::{Backdrop, Before, Lit, Studio, lit_ground};
 
 /// Maps that are kept: a picture has two sides, and many lights are not to be held all at a time.
 const KEPT: usize = 2;
 
-/// Takes pictures of a headless project, under one light after the other.
+/// Relights all that is shown, on its device.
+pub struct Relighter {
+    /// Transfer from the source light.
+    pub prepared: PreparedTransfer,
+    /// The bake that it was prepared from.
+    pub bake: Arc<Bake>,
+    /// The transfer on its device.
+    pub transfer: Transfer,
+}
+
+/// Images and relit splats of a headless project, under one light after the other.
 pub struct Shots {
-    /// Copy that the images are of.
+    /// Project that the images are of.
     pub project: Project,
     /// All that is shown, where it stands.
     pub cloud: Arc<SurfelCloud>,
-    device: Device,
-    by: Option<(PreparedTransfer, Arc<Bake>, Transfer)>,
+    /// Device that relights and draws.
+    pub device: Device,
+    /// Notes of work that is done on another device than that, and why.
+    pub warnings: Vec<String>,
+    relighter: Option<Relighter>,
+    painter: Option<Arc<Painter>>,
     /// Shown before a comparison in the place of the capture.
     before: Option<Before>,
     /// Transfer of a place without what was put into it, once it was requested.
@@ -42,17 +58,18 @@ pub struct Shots {
 }
 
 impl Shots {
-    /// Has a copy of a project ready; what it lacks is made here, followed by `watch`.
+    /// Takes a headless project; what it lacks is made when it is needed.
     ///
     /// # Errors
     /// Nothing is shown.
-    pub fn of(mut project: Project, watch: Watch) -> Result<Self> {
-        project.jobs = Jobs::at_once(watch);
+    pub fn of(project: Project) -> Result<Self> {
         Ok(Self {
             cloud: project.whole().cloud().context(tr("no object is shown"))?,
             device: project.device.fastest(),
             project,
-            by: None,
+            warnings: Vec::new(),
+            relighter: None,
+            painter: None,
             before: None,
             place: None,
             backdrops: Backdrops::default(),
@@ -60,12 +77,12 @@ impl Shots {
     }
 
     /// Shows a look before comparisons in the place of the capture: that of another copy.
-    pub fn set_before(&mut self, look: Project, watch: Watch, is_linear: bool) -> Result<()> {
+    pub fn set_before(&mut self, look: Project, is_linear: bool) -> Result<()> {
         let scene = look.scene.clone();
         let lut = scene.lut.as_ref().filter(|_| !is_linear);
         let lut = lut.map(|path| load_lut(path)).transpose()?;
         self.before = Some(Before {
-            relit: Self::of(look, watch)?.relit(Part::Whole, &[])?,
+            relit: Self::of(look)?.relit(Part::Whole, &[])?,
             display: scene.display,
             lut: lut.map(Arc::new),
         });
@@ -86,47 +103,63 @@ impl Shots {
         self.project.requested.bakes = true;
         self.project.requested.transfers = true;
         self.project.settle()?;
-        let (prepared, ..) = self.by()?;
-        Ok(prepared)
+        Ok(&self.relighter()?.prepared)
     }
 
     /// Relights by the light that is set, all or what a view shows of it; some surfels may be left out, `[n]` or empty.
     pub fn relit(&mut self, part: Part, unseen: &[bool]) -> Result<Relit> {
         self.prepared()?;
         let light = self.project.target_light();
-        let (.., transfer) = self.by()?;
+        let transfer = &mut self.relighter()?.transfer;
         transfer.change_light(&light, part, unseen)?;
         transfer.result()
     }
 
-    /// Transfer, bake, and the transfer on its device, once the project has settled.
-    fn by(&mut self) -> Result<&mut (PreparedTransfer, Arc<Bake>, Transfer)> {
-        Ok(match &mut self.by {
-            Some(by) => by,
+    /// Relighter of what the project has prepared.
+    ///
+    /// # Errors
+    /// It has prepared nothing yet, or the device failed.
+    pub fn relighter(&mut self) -> Result<&mut Relighter> {
+        Ok(match &mut self.relighter {
+            Some(relighter) => relighter,
             none => {
                 let prepared = self.project.shown_transfer();
                 let made = prepared.zip(self.project.shown_bake());
                 let (prepared, bake) = made.context(tr(
                     "the objects are still being prepared; try again when that is done",
                 ))?;
-                let (transfer, _) = self.device.transfer(&prepared)?;
-                none.insert((prepared, bake, transfer))
+                let (transfer, warning) = self.device.transfer(&prepared)?;
+                self.warnings.extend(warning);
+                none.insert(Relighter {
+                    prepared,
+                    bake,
+                    transfer,
+                })
             }
         })
     }
 
     /// Lights a view: relit where it needs that, and with what is around.
     pub fn lit(&mut self, view: View) -> Result<Lit> {
-        self.project.requested.ground = true;
-        let mut lit = Lit::default();
-        if !view.needs_relit() {
-            self.project.settle()?;
+        let relit = if view.needs_relit() {
+            Some(self.relit(view.part(), &self.project.spared_surfels())?)
         } else {
-            let relit = self.relit(view.part(), &self.project.spared_surfels())?;
-            let cloud = self.cloud.clone();
-            let (prepared, bake, _) = self.by()?;
-            lit = Lit::of(view, relit, &cloud, bake, prepared);
-        }
+            self.project.settle()?;
+            None
+        };
+        self.lit_by(view, relit)
+    }
+
+    /// Lights a view by a relit result, which has only the view's part, and with what is around.
+    pub fn lit_by(&mut self, view: View, relit: Option<Relit>) -> Result<Lit> {
+        let mut lit = match relit {
+            Some(relit) => {
+                let cloud = self.cloud.clone();
+                let Relighter { prepared, bake, .. } = self.relighter()?;
+                Lit::of(view, relit, &cloud, bake, prepared)
+            }
+            None => Lit::default(),
+        };
         if view.has_two_sides() {
             lit.before.clone_from(&self.before);
         }
@@ -134,58 +167,83 @@ impl Shots {
         Ok(lit)
     }
 
-    /// A studio with plate and LUT.
+    /// A studio for all that is shown. Plate and LUT are not read yet.
     pub fn studio(&mut self, view: View, is_linear: bool) -> Result<Studio> {
         self.project.requested.bakes |= view == View::Visibility;
-        self.project.requested.ground = true;
         self.project.settle()?;
-        let of = (view, is_linear);
-        let (mut studio, _) = studio(&self.project, &self.cloud, of, &self.device)?;
-        studio.load_backplate()?;
-        studio.load_lut()?;
+        let painter = self.painter()?;
+        let project = &self.project;
+        let mut studio = Studio::new(&self.cloud, project.scene.clone(), view, is_linear, painter);
+        studio.hidden = project.unseen_surfels();
+        studio.ground = project.ground().cloned();
+        if let (View::Visibility, Some(bake)) = (view, project.shown_bake()) {
+            studio.openness = bake.openness().iter().map(|o| [*o; 3]).collect();
+        }
         Ok(studio)
     }
 
-    /// Takes a picture in layers of what is lit now.
-    pub fn layers(
-        &mut self,
-        studio: &Studio,
-        camera: &Camera,
-        factor: usize,
-        lit: &Lit,
-    ) -> Result<Vec<Channel>> {
-        let relit = lit.relit.clone().context("nothing is relit")?;
-        if self.place.is_none() {
-            let (prepared, ..) = self.by()?;
-            let prepared = prepared.clone();
-            self.place = Some(place_alone(&self.project.scene, &prepared)?);
+    fn painter(&mut self) -> Result<Arc<Painter>> {
+        Ok(match &self.painter {
+            Some(painter) => painter.clone(),
+            None => {
+                let (painter, warning) = self.device.painter(&self.cloud)?;
+                self.warnings.extend(warning);
+                self.painter.insert(Arc::new(painter)).clone()
+            }
+        })
+    }
+
+    /// Layers of a relit result, and of the place without what was put into it.
+    pub fn layers(&mut self, relit: Relit) -> Result<Layers> {
+        let light = self.project.target_light();
+        let place = self.place_alone()?;
+        let alone = place.map(|place| place.relight(&light, Part::Whole));
+        let alone = alone.transpose()?;
+        let objects = self.project.shown();
+        let objects = objects.map(|(_, o, a)| (name_of(o, &a.path), a.cloud.len()));
+        Ok(Layers::new(&objects.collect::<Vec<_>>(), relit, alone))
+    }
+
+    /// Relights each object in its own coordinates by a light that the scene sees.
+    pub fn relit_objects(&mut self, light: &Illumination) -> Result<Vec<Relit>> {
+        let prepared = &self.relighter()?.prepared;
+        Ok(prepared.relight_objects(light, Part::Whole, &[])?)
+    }
+
+    /// Writes relit splats: each object, in its own coordinates, as its own file is, with everything that it had; or all that is shown as one
+    /// splat, which of a single object is that.
+    ///
+    /// # Errors
+    /// One cannot be written.
+    pub fn write_splats(&self, relit: Vec<Relit>, files: &[PathBuf], is_each: bool) -> Result<()> {
+        let project = &self.project;
+        for (((at, _, asset), relit), file) in project.shown().zip(relit).zip(files) {
+            make_folder(folder_of(file))?;
+            let cloud = match is_each {
+                true => asset.upright(project.up_of(at)),
+                false => self.cloud.clone(),
+            };
+            if project.is_composed() && !is_each {
+                let stored = relit.stored_as(cloud.sh_degree, Encoding::Stored);
+                write_splat(&cloud, &stored, file)?;
+            } else {
+                write_relit(&asset.file, &cloud, &relit.stored(&cloud), file)?;
+            }
         }
-        let place = self.place.as_ref().and_then(Option::as_ref);
-        let layers = layers(&self.project, relit, place, &self.project.target_light())?;
-        layers.take(studio, camera, factor, lit)
+        Ok(())
     }
-}
 
-/// Transfer of the place that objects were put into without them, where the first object is one.
-pub fn place_alone(scene: &Scene, prepared: &PreparedTransfer) -> Result<Option<PreparedTransfer>> {
-    match scene.first_is_a_place() {
-        true => Ok(prepared.first_alone(&no_progress)?),
-        false => Ok(None),
+    /// Transfer of the place that objects were put into without them, where the first object is one.
+    pub fn place_alone(&mut self) -> Result<Option<&PreparedTransfer>> {
+        if self.place.is_none() {
+            let place = match self.project.scene.first_is_a_place() {
+                true => self.relighter()?.prepared.first_alone(&no_progress)?,
+                false => None,
+            };
+            self.place = Some(place);
+        }
+        Ok(self.place.as_ref().and_then(Option::as_ref))
     }
-}
-
-/// Layers of all that a project shows relit by a light, and of the place without what was put into it.
-pub fn layers(
-    project: &Project,
-    relit: Relit,
-    place: Option<&PreparedTransfer>,
-    light: &Illumination,
-) -> Result<Layers> {
-    let alone = place.map(|place| place.relight(light, Part::Whole));
-    let objects = project.shown();
-    let objects = objects.map(|(_, o, a)| (name_of(o, &a.path), a.cloud.len()));
-    let objects: Vec<_> = objects.collect();
-    Ok(Layers::new(&objects, relit, alone.transpose()?))
 }
 
 /// Writes a picture in layers, and the look that makes it into a second file.
@@ -201,34 +259,16 @@ pub fn save_layers(
     Ok(save_look(look_path, look)?)
 }
 
-/// A studio for all that a project shows, `cloud` being that as one splat, and why it draws on another device than the one asked for. Plate and
-/// LUT are not read yet.
-pub fn studio(
-    project: &Project,
-    cloud: &Arc<SurfelCloud>,
-    (view, linear): (View, bool),
-    device: &Device,
-) -> Result<(Studio, Option<String>)> {
-    let (painter, warning) = device.painter(cloud)?;
-    let mut studio = Studio::new(cloud, project.scene.clone(), view, linear, painter);
-    studio.hidden = project.unseen_surfels();
-    studio.ground = project.ground().cloned();
-    if let (View::Visibility, Some(bake)) = (view, project.shown_bake()) {
-        studio.openness = bake.openness().iter().map(|o| [*o; 3]).collect();
-    }
-    Ok((studio, warning))
-}
-
 /// Maps behind the objects, as they are seen: by the light, whether its suns are taken out, and their blur.
 #[derive(Default)]
-pub struct Backdrops(Vec<((u64, bool, f32), Arc<EnvironmentMap>)>);
+struct Backdrops(Vec<((u64, bool, f32), Arc<EnvironmentMap>)>);
 
 impl Backdrops {
     /// Puts around what is lit what its lights are seen as: maps behind it, where they are shown, and the shadow on the ground.
     ///
     /// # Errors
     /// A map cannot be read.
-    pub fn surround(&mut self, lit: &mut Lit, project: &Project, view: View) -> Result<()> {
+    fn surround(&mut self, lit: &mut Lit, project: &Project, view: View) -> Result<()> {
         let (scene, up) = (&project.scene, project.scene_up());
         if let Some(ground) = project.ground() {
             let maps = project

@@ -4,7 +4,7 @@ mod values;
 
 use std::path::{Path, PathBuf};
 
-use clap::builder::PossibleValuesParser;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use transplat_core::color::ToneMap;
 use transplat_core::environment::Layout;
@@ -16,6 +16,7 @@ use transplat_core::surfels::UpAxis;
 
 use transplat_engine::delight::DelitAs;
 use transplat_engine::device::DeviceChoice;
+use transplat_engine::output::ImageFormat;
 use transplat_engine::video::FRAME_RATE;
 pub use values::VIEWS;
 use values::*;
@@ -263,8 +264,8 @@ pub struct RenderArgs {
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[usize; 2]>,
     /// File format; default: by the output's name, else png
-    #[arg(long, value_enum)]
-    pub format: Option<PictureFormat>,
+    #[arg(long, value_parser = image_format_parser())]
+    pub format: Option<ImageFormat>,
     /// transparent, black, white, #rrggbb, checker or environment [default: transparent]
     #[arg(long, value_parser = parse_background)]
     pub background: Option<Background>,
@@ -324,19 +325,19 @@ pub struct CameraArgs {
     pub fov: Option<f64>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum PictureFormat {
-    Png,
-    Exr,
+/// Formats of images by their endings.
+const IMAGE_FORMATS: [ImageFormat; 2] = [ImageFormat::Png8, ImageFormat::ExrFloat];
+
+/// Format of an image by its ending.
+pub fn image_format(extension: &str) -> Option<ImageFormat> {
+    let mut all = IMAGE_FORMATS.into_iter();
+    all.find(|f| f.extension().eq_ignore_ascii_case(extension))
 }
 
-impl PictureFormat {
-    pub fn extension(self) -> &'static str {
-        match self {
-            Self::Png => "png",
-            Self::Exr => "exr",
-        }
-    }
+fn image_format_parser() -> impl TypedValueParser<Value = ImageFormat> {
+    let endings = IMAGE_FORMATS.map(ImageFormat::extension);
+    PossibleValuesParser::new(endings)
+        .try_map(|ending| image_format(&ending).ok_or("no format of images"))
 }
 
 #[derive(Debug, Args)]

@@ -20,7 +20,7 @@ pub const CRATES: [&str; 5] = [
 const SPREAD_IMPLS: usize = 22;
 
 /// Functions that take a tuple.
-const TUPLE_PARAMETERS: usize = 59;
+const TUPLE_PARAMETERS: usize = 54;
 
 /// Names of types that several modules define. Twins on the GPU and in the oracle do not count.
 const SHARED_NAMES: usize = 2;

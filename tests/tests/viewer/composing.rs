@@ -8,7 +8,7 @@ use transplat_core::color::{Encoding, decode_sh, encode_sh};
 use transplat_core::files::{
     load_environment, load_look, load_picture, load_splat, save_look, write_splat,
 };
-use transplat_core::present::Background;
+use transplat_core::present::{Background, View};
 use transplat_core::scene::{Scene, Transform};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
@@ -92,6 +92,19 @@ fn a_scene_is_shown_and_saved_as_the_command_line_draws_it() {
     let opaque = |p: &Vec<[f32; 4]>| p.iter().map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
     assert!(psnr(&opaque(&a), &opaque(&b)) > 45.0);
     d.viewer().export_settings().format = ImageFormat::Png8;
+    // A comparison has the pinned look at its left: here all of it.
+    let compared = d.folder.path("compared.png");
+    let path = compared.clone();
+    d.viewer().session.project.pin();
+    d.after(|v| {
+        let scene = &mut v.session.project.scene;
+        scene.environment.strength -= 2.0;
+        (scene.view, scene.wipe) = (View::Split, 1.0);
+    });
+    d.after(|v| v.export(Task::Screenshot(Some(path))));
+    let [a, b] = [Path::new(&ours), &compared].map(picture);
+    assert!(psnr(&a, &b) > 45.0, "{}", psnr(&a, &b));
+    d.viewer().session.project.scene.view = View::After;
     // All of it as one splat.
     let merged = d.folder.path("merged.ply");
     let path = merged.clone();

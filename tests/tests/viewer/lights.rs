@@ -199,6 +199,24 @@ fn a_light_goes_along_with_what_it_is_fixed_to() {
     // And back with it.
     d.after(|v| v.session.project.pose.azimuth -= 90.0);
     assert!(place(&mut d).distance(world) < 1e-4);
+    // Also on a turntable: its second frame is what is seen from behind.
+    let folder = d.folder.path("turntable");
+    let settings = d.viewer().export_settings();
+    settings.size = [120, 90];
+    settings.supersample = 1;
+    settings.frames = 2;
+    settings.folder = folder.display().to_string();
+    settings.pattern = "{n}".into();
+    d.after(|v| v.export(Task::Turntable));
+    d.after(|v| v.session.project.pose.azimuth += 180.0);
+    let behind = d.folder.path("behind.png");
+    let path = behind.clone();
+    d.after(|v| v.export(Task::Screenshot(Some(path))));
+    d.after(|v| v.session.project.pose.azimuth -= 180.0);
+    let mut frames = walk(&folder);
+    frames.sort();
+    let [frame, behind] = [&frames[1], &behind].map(|path| picture(path));
+    assert!(psnr(&frame, &behind) > 45.0, "{}", psnr(&frame, &behind));
     d.after(|v| v.session.project.scene.lights[0].fixed_to = FixedTo::Object(0));
     d.after(|v| v.session.project.scene.objects[0].transform.translation.x += 2.0);
     let along = place(&mut d) - world;

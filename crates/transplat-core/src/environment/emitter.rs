@@ -28,8 +28,8 @@ pub enum Shape {
         /// Unit vector along which it shines.
         axis: Vec3,
         /// Angle from the axis up to which it has its whole intensity, in radians.
-        light_sample: f32,
-        /// Cosine from which on it has none; between them it falls with the angle.
+        beam: f32,
+        /// Angle from which on it has none, in radians; between them it falls linearly.
         cutoff: f32,
     },
     /// A parallelogram, or the ellipse in it, that shines on one side; emission is radiance, W/m²/sr.
@@ -130,16 +130,16 @@ impl Shape {
             Self::Spot {
                 position,
                 axis,
-                light_sample,
+                beam,
                 cutoff,
             } => {
                 let seen = from_point(position, at, nearest);
                 let angle = (-seen.direction).angle_between(axis);
-                let share = if angle <= light_sample {
+                let share = if angle <= beam {
                     1.0
                 } else {
                     // Of one without a soft edge nothing is left beyond.
-                    ((cutoff - angle) / (cutoff - light_sample).max(1e-9)).clamp(0.0, 1.0)
+                    ((cutoff - angle) / (cutoff - beam).max(1e-9)).clamp(0.0, 1.0)
                 };
                 Sample {
                     strength: share * seen.strength,
@@ -232,12 +232,12 @@ impl Shape {
             Self::Spot {
                 position,
                 axis,
-                light_sample,
+                beam,
                 cutoff,
             } => Self::Spot {
                 position: place(position),
                 axis: turned(axis),
-                light_sample,
+                beam,
                 cutoff,
             },
             Self::Area {
@@ -453,7 +453,7 @@ mod tests {
         let light = Shape::Spot {
             position: Vec3::Z,
             axis: -Vec3::Z,
-            light_sample: 0.2,
+            beam: 0.2,
             cutoff: 0.4,
         };
         let at = |angle: f32| {
@@ -491,7 +491,7 @@ mod tests {
             Shape::Spot {
                 position,
                 axis,
-                light_sample: 0.1,
+                beam: 0.1,
                 cutoff: 0.3,
             },
             square(position, 0.5, axis, false),

@@ -328,7 +328,7 @@ mod tests {
                 Shape::Spot {
                     position,
                     axis: -toward,
-                    light_sample: 0.1,
+                    beam: 0.1,
                     cutoff: 0.2,
                 },
                 area(0.9, false),

@@ -118,10 +118,8 @@ fn open_packed(path: &Path) -> Result<File> {
     File::open(path).map_err(Error::io(path))
 }
 
-/// Endings of the files that are found in an archive.
-const PACKED: [&str; 9] = [
-    "ply", "spz", "sog", "splat", "ksplat", "glb", "gltf", "hdr", "exr",
-];
+/// Endings of splats that are read, without the dot.
+pub const SPLAT_ENDINGS: [&str; 7] = ["ply", "spz", "sog", "splat", "ksplat", "glb", "gltf"];
 
 /// Packing of one file in another.
 enum Packing {
@@ -162,7 +160,7 @@ fn packing(path: &Path) -> Result<(File, Packing)> {
                 .next()
                 .unwrap_or_default()
                 .to_ascii_lowercase();
-            PACKED.contains(&end.as_str())
+            SPLAT_ENDINGS.contains(&&*end) || ["hdr", "exr"].contains(&&*end)
         };
         let known: Vec<&String> = names.iter().filter(is_one).collect();
         match (&known[..], &names[..]) {

@@ -7,7 +7,7 @@ use transplat_core::files::{check_output, losses};
 use transplat_core::scene::{EVEN, Transform};
 
 use super::headless::Headless;
-use super::settings::{assets_of, check_objects, look_of, with_scene_as_look};
+use super::settings::{check_objects, scene_of};
 use crate::cli::{DelightArgs, LightArgs, usage};
 use crate::commands::{called_as_a_splat, refuse_overwriting};
 use crate::summary::Summary;
@@ -20,11 +20,8 @@ pub fn run(args: &DelightArgs) -> Result<()> {
         target: vec![PathBuf::from(EVEN)],
         ..LightArgs::default()
     };
-    let (asset, light) = with_scene_as_look(&args.asset, &light);
-    let mut scene = look_of(&asset.options, Some(&light))?;
-    let assets = assets_of(&asset, &scene)?;
-    let inputs = light.inputs(&scene, &[]).chain(assets.iter().map(|a| &**a));
-    refuse_overwriting(inputs, &[&args.output])?;
+    let (mut scene, light) = scene_of(&args.asset, &light)?;
+    refuse_overwriting(light.inputs(&scene, &[]), &[&args.output])?;
     let others = scene.objects.len() - 1;
     if others > 0 {
         summary.warn(format!(
@@ -36,7 +33,7 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     scene.objects.truncate(1);
     scene.objects[0].shown = true;
     scene.objects[0].transform = Transform::default();
-    check_objects(&asset, &scene, true)?;
+    check_objects(&scene, true)?;
     if scene.objects[0].source.file.is_none() {
         return usage(
             "delight needs --source, the light of the capture (an environment; estimate for one that nobody knows)",
@@ -47,10 +44,10 @@ pub fn run(args: &DelightArgs) -> Result<()> {
         format.check_materials(&args.output)?;
     }
     check_output(&args.output)?;
-    let mut headless = Headless::load(&asset, scene, &mut summary)?;
+    let mut headless = Headless::load(args.asset.options.device, scene, &mut summary)?;
     headless.light(&light, &mut summary)?;
-    let (prepared, _) = headless.prepare(&mut summary)?;
-    let (cloud, (_, asset)) = (&headless.cloud, headless.first());
+    let prepared = headless.prepare(&mut summary)?;
+    let (cloud, (_, asset)) = (&headless.shots.cloud, headless.first());
     let whitest = args.whitest.map(|w| w as f32);
     let delit = summary.time("delight", || {
         Delit::of(&prepared, cloud, args.delit_as, whitest)

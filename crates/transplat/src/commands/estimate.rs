@@ -4,7 +4,7 @@ use anyhow::{Result, bail};
 use transplat_core::files::{check_output, write_environment};
 
 use super::headless::Headless;
-use super::settings::{assets_of, look_of};
+use super::settings::{assets_of, look_of, name_asset};
 use crate::cli::EstimateArgs;
 use crate::commands::refuse_overwriting;
 use crate::summary::Summary;
@@ -12,8 +12,9 @@ use transplat_engine::estimate::estimate_in_words;
 
 pub fn run(args: &EstimateArgs) -> Result<()> {
     let mut summary = Summary::new("estimate", &args.out);
-    let scene = look_of(&args.asset.options, None)?;
-    let assets = assets_of(&args.asset, &scene)?;
+    let mut scene = look_of(&args.asset.options, None)?;
+    name_asset(&mut scene, &args.asset);
+    let assets = assets_of(&scene)?;
     let inputs = args.bake.iter().chain(&assets).map(|p| &**p);
     refuse_overwriting(inputs, &[&args.output])?;
     let extension = args.output.extension().unwrap_or_default();
@@ -21,7 +22,7 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
         bail!("{}: the light is written as .exr", args.output.display());
     }
     check_output(&args.output)?;
-    let mut headless = Headless::load(&args.asset, scene, &mut summary)?;
+    let mut headless = Headless::load(args.asset.options.device, scene, &mut summary)?;
     let estimate = headless.estimate_first(args.bake.as_deref(), &mut summary)?;
     if let Some(obstacle) = estimate.obstacle {
         bail!(
@@ -30,12 +31,12 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
             obstacle.reason()
         );
     }
-    let map = estimate.light.map(headless.cloud.up);
+    let map = estimate.light.map(headless.shots.cloud.up);
     summary.time("export", || write_environment(&args.output, &map))?;
     summary.set("output", args.output.display().to_string());
     summary.finish(&format!(
         "wrote {}: {}",
         args.output.display(),
-        estimate_in_words(&estimate, headless.cloud.up)
+        estimate_in_words(&estimate, headless.shots.cloud.up)
     ))
 }

@@ -12,24 +12,25 @@ use transplat_core::bake::Bake;
 use transplat_core::environment::{EnvironmentMap, Illumination, ImageReading};
 use transplat_core::estimate::Estimate;
 use transplat_core::files::{
-    CameraFile, cameras_of_training, inspect_bake, load_cameras, load_environment_as,
+    CameraFile, cameras_of_training, inspect_bake, load_cameras, load_environment_as, losses,
 };
 use transplat_core::scene::{
     ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even, is_file,
 };
 use transplat_core::settings::Method;
-use transplat_core::surfels::{SurfelCloud, UpAxis, is_faint};
+use transplat_core::surfels::{UpAxis, is_faint};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
-use super::settings::{asset_of, assets_of, targets_of};
-use crate::cli::{AssetArgs, LightArgs};
+use super::settings::targets_of;
+use crate::cli::LightArgs;
 use crate::summary::{Summary, progress_bar};
-use transplat_engine::device::{Device, Transfer};
+use transplat_engine::device::{Device, DeviceChoice, Transfer};
 use transplat_engine::environments::{Environment, not_environments};
 use transplat_engine::estimate::{estimate_as_json, estimate_in_words, why_not};
 use transplat_engine::jobs::{Kind, Watch, Work};
 use transplat_engine::names::name_of;
 use transplat_engine::project::Project;
+use transplat_engine::shot::{Relighter, Shots};
 use transplat_engine::splat::Splat;
 use transplat_engine::warnings::{
     AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE, ambiguous_warning, map_warnings, noise_warning,
@@ -44,26 +45,22 @@ pub struct Target {
     pub path: PathBuf,
 }
 
-/// A headless project on the device that the user chose.
+/// Shots of a headless project on the device that the user chose, reported to a summary.
 pub struct Headless {
-    pub project: Project,
-    pub device: Device,
-    /// All that is shown, where it stands.
-    pub cloud: Arc<SurfelCloud>,
+    pub shots: Shots,
     bar: Bar,
 }
 
 impl Headless {
-    /// Opens the device and loads the objects of a scene. The splat on the command line is the first object's.
-    pub fn load(args: &AssetArgs, mut scene: Scene, summary: &mut Summary) -> Result<Self> {
-        let assets = assets_of(args, &scene)?;
-        scene.objects[0].asset = Some(asset_of(args, &scene, 0)?);
-        let device = summary.time("open device", || Device::open(args.options.device))?;
+    /// Opens a device and loads the objects of a scene.
+    pub fn load(device: DeviceChoice, scene: Scene, summary: &mut Summary) -> Result<Self> {
+        let device = summary.time("open device", || Device::open(device))?;
         let headless = Self::of(scene, device, summary)?;
-        summary.set("asset", assets[0].display().to_string());
-        summary.set("surfels", headless.cloud.len());
-        summary.set("sh_degree", headless.cloud.sh_degree);
-        summary.set("adapter", headless.device.name());
+        let (_, asset) = headless.shown().next().context("an object is shown")?;
+        summary.set("asset", asset.path.display().to_string());
+        summary.set("surfels", headless.shots.cloud.len());
+        summary.set("sh_degree", headless.shots.cloud.sh_degree);
+        summary.set("adapter", headless.shots.device.name());
         Ok(headless)
     }
 
@@ -77,15 +74,10 @@ impl Headless {
         }
         let bar = Bar::default();
         let watch = bar.watch(summary.quiet);
-        let mut project = Project::headless(device.clone(), watch, scene);
+        let mut project = Project::headless(device, watch, scene);
         settle(&mut project, &bar, summary)?;
-        let cloud = project.whole().cloud().context("no object is shown")?;
-        let headless = Self {
-            project,
-            device,
-            cloud,
-            bar,
-        };
+        let shots = Shots::of(project)?;
+        let headless = Self { shots, bar };
         for (object, asset) in headless.used() {
             report_asset(object, asset, summary);
         }
@@ -94,18 +86,25 @@ impl Headless {
 
     /// Makes what is requested, and notes what that took.
     fn settle(&mut self, summary: &mut Summary) -> Result<()> {
-        settle(&mut self.project, &self.bar, summary)
+        settle(&mut self.shots.project, &self.bar, summary)
     }
 
     /// The objects that are loaded: those that are shown, and the first one in any case.
     fn used(&self) -> impl Iterator<Item = (&Object, &Splat)> {
-        let each = self.project.scene.objects.iter().zip(&self.project.states);
+        let each = self
+            .shots
+            .project
+            .scene
+            .objects
+            .iter()
+            .zip(&self.shots.project.states);
         each.filter_map(|(object, state)| Some((object, state.asset.as_ref()?)))
     }
 
     /// The objects that are shown.
     pub fn shown(&self) -> impl Iterator<Item = (&Object, &Splat)> + Clone {
-        self.project
+        self.shots
+            .project
             .shown()
             .map(|(_, object, asset)| (object, asset))
     }
@@ -124,16 +123,16 @@ impl Headless {
     /// Takes a saved bake for the method that is set.
     pub fn use_bake(&mut self, saved: &Path, summary: &mut Summary) -> Result<()> {
         inspect_bake(saved)?
-            .of_method(self.project.scene.transfer.method)
+            .of_method(self.shots.project.scene.transfer.method)
             .with_context(|| saved.display().to_string())?;
         let (_, first) = self.first();
-        if self.project.is_composed() || first.part.is_some() {
+        if self.shots.project.is_composed() || first.part.is_some() {
             bail!(
                 "{}: a bake is of one object, not of a scene, and of a whole splat, not of what is cut out of one",
                 saved.display()
             );
         }
-        self.project.states[0].saved_bake = Some(saved.to_owned());
+        self.shots.project.states[0].saved_bake = Some(saved.to_owned());
         summary.skip("bake", "the saved one is used");
         Ok(())
     }
@@ -155,7 +154,7 @@ impl Headless {
             self.read_light(path, summary)?;
         }
         let (mut targets, mut failed) = (Vec::new(), Vec::new());
-        for (name, path) in targets_of(args, &self.project.scene)? {
+        for (name, path) in targets_of(args, &self.shots.project.scene)? {
             match self.read_light(&path, summary) {
                 Ok(()) => targets.push(Target { name, path }),
                 // One of a folder is not to keep the others from being made.
@@ -169,7 +168,7 @@ impl Headless {
         // The first one last: it is what the scene is lit by then.
         let estimates = targets.iter().skip(1).filter(|t| is_estimate(&t.path));
         for target in estimates.chain(targets.first()) {
-            self.project.scene.environment.file = Some(target.path.clone());
+            self.shots.project.scene.environment.file = Some(target.path.clone());
             self.estimate(summary)?;
         }
         for why in failed {
@@ -188,26 +187,26 @@ impl Headless {
         if is_even(path) {
             summary.skip("projection of an environment", "even light");
         }
-        if !is_file(path) || self.project.environments.get(path).is_some() {
+        if !is_file(path) || self.shots.project.environments.get(path).is_some() {
             return Ok(());
         }
         let reading = self.reading_of(path);
         let map = read_map(path, &reading, summary)?;
         // Which suns there are, beams tell.
-        let method = match self.project.scene.environment.without_suns {
+        let method = match self.shots.project.scene.environment.without_suns {
             true => Method::Directional,
-            false => self.project.scene.transfer.method,
+            false => self.shots.project.scene.transfer.method,
         };
         let made = summary.time("project", || {
-            Environment::of_map(&self.device, path, &map, reading, method)
+            Environment::of_map(&self.shots.device, path, &map, reading, method)
         })?;
-        self.project.environments.has_read(path, Some(made));
+        self.shots.project.environments.has_read(path, Some(made));
         Ok(())
     }
 
     /// Layout and layer by which a light's file is read.
     pub fn reading_of(&self, path: &Path) -> ImageReading {
-        let scene = &self.project.scene;
+        let scene = &self.shots.project.scene;
         let mut lights = scene.environment_lights();
         // One of several targets is named by the command line alone.
         match lights.any(|l| l.file.as_deref() == Some(path)) {
@@ -218,15 +217,16 @@ impl Headless {
 
     /// Estimates the light of the capture where the scene asks for it, and reports that.
     fn estimate(&mut self, summary: &mut Summary) -> Result<()> {
-        self.project.requested.lights = true;
+        self.shots.project.requested.lights = true;
         self.settle(summary)?;
-        for (at, state) in self.project.states.iter().enumerate() {
+        for (at, state) in self.shots.project.states.iter().enumerate() {
             let estimate = state.estimate.get();
-            let Some(estimate) = estimate.filter(|_| self.project.asks_for_estimate(at)) else {
+            let Some(estimate) = estimate.filter(|_| self.shots.project.asks_for_estimate(at))
+            else {
                 continue;
             };
-            let up = self.project.up_of(at);
-            report_estimate(estimate, &self.project.scene, up, summary);
+            let up = self.shots.project.up_of(at);
+            report_estimate(estimate, &self.shots.project.scene, up, summary);
             if estimate.obstacle.is_some() {
                 summary.skip("projection of an environment", "even light");
             }
@@ -243,10 +243,10 @@ impl Headless {
         if let Some(saved) = saved {
             self.use_bake(saved, summary)?;
         }
-        self.project.scene.objects[0].source = EnvironmentLight::of(ESTIMATE);
-        self.project.requested.lights = true;
+        self.shots.project.scene.objects[0].source = EnvironmentLight::of(ESTIMATE);
+        self.shots.project.requested.lights = true;
         self.settle(summary)?;
-        let estimate = self.project.states[0].estimate.get().cloned();
+        let estimate = self.shots.project.states[0].estimate.get().cloned();
         let estimate = estimate.context("the light is estimated")?;
         summary.set("source_estimate", estimate_as_json(&estimate));
         Ok(estimate)
@@ -254,18 +254,26 @@ impl Headless {
 
     /// The light of the first object's capture, as its map holds it.
     pub fn source_light(&mut self, summary: &mut Summary) -> Result<Illumination> {
-        if let Some(path) = self.project.scene.objects[0].source.file.clone() {
+        if let Some(path) = self.shots.project.scene.objects[0].source.file.clone() {
             self.read_light(&path, summary)?;
         }
         self.estimate(summary)?;
-        Ok(self.project.states[0].source.light.illumination.clone())
+        Ok(self.shots.project.states[0]
+            .source
+            .light
+            .illumination
+            .clone())
     }
 
     /// Bakes what the method needs, and tells what that found.
     pub fn bake(&mut self, summary: &mut Summary) -> Result<Arc<Bake>> {
-        self.project.requested.bakes = true;
+        self.shots.project.requested.bakes = true;
         self.settle(summary)?;
-        let bake = self.project.shown_bake().context("the objects are baked")?;
+        let bake = self
+            .shots
+            .project
+            .shown_bake()
+            .context("the objects are baked")?;
         summary.skipped(bake.skipped_work());
         summary.set("preset", bake.method().preset());
         summary.set("directions", bake.directions());
@@ -285,7 +293,7 @@ impl Headless {
                 summary.warn(noise_warning(degrees));
             }
         }
-        let scene = &self.project.scene;
+        let scene = &self.shots.project.scene;
         let needs_few = bake.method() == Method::Harmonic && !scene.transfer.terms.shadow;
         if needs_few && bake.directions() < scene.directions {
             summary.skip(
@@ -298,16 +306,16 @@ impl Headless {
 
     /// Bakes the ground that catches the objects' shadow, where the scene has one.
     pub fn bake_ground(&mut self, summary: &mut Summary) -> Result<()> {
-        self.project.requested.ground = true;
+        self.shots.project.requested.ground = true;
         self.settle(summary)
     }
 
     /// Bakes and prepares the transfer from the source light, which no target changes.
-    pub fn prepare(&mut self, summary: &mut Summary) -> Result<(PreparedTransfer, Arc<Bake>)> {
-        let bake = self.bake(summary)?;
-        self.project.requested.transfers = true;
+    pub fn prepare(&mut self, summary: &mut Summary) -> Result<PreparedTransfer> {
+        self.bake(summary)?;
+        self.shots.project.requested.transfers = true;
         self.settle(summary)?;
-        let prepared = self.project.shown_transfer();
+        let prepared = self.shots.project.shown_transfer();
         let prepared = prepared.context("the objects are prepared")?;
         if prepared.source_was_black() {
             summary.warn("the source light is black and explains nothing; even light is assumed");
@@ -320,13 +328,13 @@ impl Headless {
         }
         summary.set("dark_share", prepared.dark_share());
         self.report_ignored(summary);
-        summary.skipped(prepared.skipped_work(&self.cloud));
-        Ok((prepared, bake))
+        summary.skipped(prepared.skipped_work(&self.shots.cloud));
+        Ok(prepared)
     }
 
     /// Settings that the method does not know, and that were asked for all the same.
     fn report_ignored(&self, summary: &mut Summary) {
-        let (scene, plain) = (&self.project.scene, Scene::default());
+        let (scene, plain) = (&self.shots.project.scene, Scene::default());
         let mut lights = scene.environment_lights();
         let has_no_picture = |l: &EnvironmentLight| l.file.as_deref().is_some_and(|f| !is_file(f));
         if lights.any(|l| l.layout.is_some() && has_no_picture(l)) {
@@ -354,70 +362,95 @@ impl Headless {
         }
     }
 
-    /// Has a transfer ready on the device.
-    pub fn transfer(&self, prepared: &PreparedTransfer, summary: &mut Summary) -> Result<Transfer> {
-        let (transfer, warning) = self.device.transfer(prepared)?;
-        if let Some(warning) = warning {
-            summary.warn(warning);
-        }
-        Ok(transfer)
-    }
-
     /// Lights the scene by a target, and yields that as the scene sees it.
     pub fn light_by(&mut self, target: &Target, summary: &mut Summary) -> Result<Illumination> {
-        self.project.scene.environment.file = Some(target.path.clone());
+        self.shots.project.scene.environment.file = Some(target.path.clone());
         self.settle(summary)?;
-        Ok(self.project.target_light())
+        Ok(self.shots.project.target_light())
     }
 
     /// Relights by one target, or what a view shows of that. For JSON, the change of light is timed as the median of three.
     pub fn relight(
-        &self,
-        prepared: &PreparedTransfer,
-        transfer: &mut Transfer,
+        &mut self,
         name: &str,
         (light, part, unseen): (&Illumination, Part, &[bool]),
         summary: &mut Summary,
     ) -> Result<Relit> {
-        let on_gpu = matches!(transfer, Transfer::Gpu(_));
-        self.report_light((prepared, on_gpu), name, light, summary);
+        self.report_light(name, light, summary)?;
+        let transfer = &mut self.shots.relighter()?.transfer;
         timed(summary, || transfer.change_light(light, part, unseen))?;
         transfer.result()
     }
 
-    /// Relights several objects by one target, each in its own coordinates.
-    pub fn relight_objects(
-        &self,
-        prepared: &PreparedTransfer,
+    /// Relights by one target what is written as splats: all as one, or each object in its own coordinates.
+    pub fn relight_splats(
+        &mut self,
         name: &str,
         light: &Illumination,
+        is_each: bool,
         summary: &mut Summary,
     ) -> Result<Vec<Relit>> {
-        self.report_light((prepared, false), name, light, summary);
-        timed(summary, || {
-            Ok(prepared.relight_objects(light, Part::Whole, &[])?)
-        })
+        if !is_each {
+            let wanted = (light, Part::Whole, &[][..]);
+            return Ok(vec![self.relight(name, wanted, summary)?]);
+        }
+        self.report_light(name, light, summary)?;
+        timed(summary, || self.shots.relit_objects(light))
+    }
+
+    /// Writes relit splats, and warns of what their formats lose.
+    pub fn write_splats(
+        &self,
+        relit: Vec<Relit>,
+        files: &[PathBuf],
+        is_each: bool,
+        summary: &mut Summary,
+    ) -> Result<()> {
+        summary.time("export", || self.shots.write_splats(relit, files, is_each))?;
+        // Several in one are written as they are in memory.
+        let is_one_of_all = self.shots.project.is_composed() && !is_each;
+        for ((_, asset), file) in self.shown().zip(files).filter(|_| !is_one_of_all) {
+            if let Some(lost) = losses(&asset.file, &asset.cloud, file) {
+                summary.warn(format!("{}: {lost}", file.display()));
+            }
+        }
+        Ok(())
     }
 
     /// Tells what a light leaves out, and how strong it is: lights that are near as they are seen from the middle.
     fn report_light(
-        &self,
-        (prepared, on_gpu): (&PreparedTransfer, bool),
+        &mut self,
         name: &str,
         light: &Illumination,
         summary: &mut Summary,
-    ) {
-        summary.skipped(prepared.skipped_work_for(light, on_gpu));
+    ) -> Result<()> {
+        let middle = self.shots.cloud.bounds().center;
+        let relighter = self.relighter(summary)?;
+        let on_gpu = matches!(relighter.transfer, Transfer::Gpu(_));
+        summary.skipped(relighter.prepared.skipped_work_for(light, on_gpu));
         if light.is_black() {
             summary.warn(format!(
                 "{name}: the target light is black, and so is the result"
             ));
-            return;
+        } else {
+            let mean = light.at_one_place(middle).mean_irradiance();
+            summary.target(name, (mean * relighter.prepared.light_gain()).log2());
         }
-        let mean = light
-            .at_one_place(self.cloud.bounds().center)
-            .mean_irradiance();
-        summary.target(name, (mean * prepared.light_gain()).log2());
+        Ok(())
+    }
+
+    /// Has what relights ready on its device.
+    pub fn relighter(&mut self, summary: &mut Summary) -> Result<&mut Relighter> {
+        self.shots.relighter()?;
+        self.warn(summary);
+        self.shots.relighter()
+    }
+
+    /// Warns of what is done on another device than the chosen one.
+    pub fn warn(&mut self, summary: &mut Summary) {
+        for warning in self.shots.warnings.drain(..) {
+            summary.warn(warning);
+        }
     }
 }
 

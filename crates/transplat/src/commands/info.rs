@@ -42,7 +42,7 @@ pub fn run(args: &InfoArgs) -> Result<()> {
                 let (_, first) = headless.first();
                 asset(&first.cloud, &first.file, &mut summary, &mut lines);
                 let estimate = headless.estimate_first(None, &mut summary)?;
-                lines.push(estimate_in_words(&estimate, headless.cloud.up));
+                lines.push(estimate_in_words(&estimate, headless.shots.cloud.up));
             } else {
                 let (cloud, file) = summary.time("load", || load_splat(path))?;
                 asset(&cloud, &file, &mut summary, &mut lines);

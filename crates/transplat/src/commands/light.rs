@@ -13,9 +13,9 @@ use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 
 use super::headless::{Headless, read_map};
-use crate::cli::{AssetArgs, LightArgs, PanoramaArgs};
+use crate::cli::PanoramaArgs;
 use crate::commands::refuse_overwriting;
-use crate::commands::settings::{take_rig, with_scene_as_look};
+use crate::commands::settings::{assets_of, take_rig};
 use crate::summary::Summary;
 use transplat_engine::device::Device;
 
@@ -119,12 +119,9 @@ fn place(args: &PanoramaArgs, scene: &Scene, summary: &mut Summary) -> Result<DV
     if scene.objects.iter().all(|o| o.asset.is_none()) {
         return Ok(DVec3::ZERO);
     }
-    let asset = AssetArgs {
-        asset: Some(args.rig.clone()),
-        options: args.options.clone(),
-    };
-    let (asset, _) = with_scene_as_look(&asset, &LightArgs::default());
-    let cloud = Headless::load(&asset, scene.clone(), summary)?.cloud;
+    assets_of(scene)?;
+    let headless = Headless::load(args.options.device, scene.clone(), summary)?;
+    let cloud = &headless.shots.cloud;
     let world_from_scene = cloud.up.asset_from_world().transpose();
     Ok(world_from_scene * cloud.bounds().center.as_dvec3())
 }

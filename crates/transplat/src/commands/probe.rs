@@ -16,7 +16,7 @@ use transplat_core::scene::{EnvironmentLight, is_estimate, is_even, is_sky};
 use transplat_core::settings::Method;
 
 use super::headless::{Headless, read_map, report_estimate};
-use super::settings::{assets_of, look_of, with_scene_as_look};
+use super::settings::scene_of;
 use crate::cli::{LightArgs, ProbeArgs, usage};
 use crate::commands::refuse_overwriting;
 use crate::summary::Summary;
@@ -39,19 +39,17 @@ const FAR: f32 = 6.0;
 
 pub fn run(args: &ProbeArgs) -> Result<()> {
     let mut summary = Summary::new("probe", &args.out);
-    let (asset, light) = with_scene_as_look(&args.asset, &LightArgs::default());
-    let scene = look_of(&asset.options, Some(&light))?;
-    let assets = assets_of(&asset, &scene)?;
+    let (scene, light) = scene_of(&args.asset, &LightArgs::default())?;
     let inputs = light.inputs(&scene, &[]).map(PathBuf::from);
     let beyond = [&args.environment, &args.clipped_like];
     let beyond = beyond.into_iter().flatten().cloned();
-    let inputs: Vec<PathBuf> = inputs.chain(assets).chain(beyond).collect();
+    let inputs: Vec<PathBuf> = inputs.chain(beyond).collect();
     let is_file = args.at.len() == 1;
     let extension = args.output.extension().unwrap_or_default();
     if is_file && !extension.eq_ignore_ascii_case("exr") {
         bail!("{}: the light is written as .exr", args.output.display());
     }
-    let headless = Headless::load(&asset, scene, &mut summary)?;
+    let headless = Headless::load(args.asset.options.device, scene, &mut summary)?;
     let places = args.at.iter().map(|at| place(&headless, at));
     let places: Vec<Place> = places.collect::<Result<_>>()?;
     let outputs: Vec<PathBuf> = if is_file {
@@ -92,7 +90,7 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
     let around = ProbeEnvironment::load(&headless, first, environment, &mut summary)?;
     let like = args.clipped_like.clone().map(EnvironmentLight::of);
     let like = ProbeEnvironment::load(&headless, first, like, &mut summary)?;
-    let (painter, warning) = headless.device.painter(&headless.cloud)?;
+    let (painter, warning) = headless.shots.device.painter(&headless.shots.cloud)?;
     if let Some(warning) = warning {
         summary.warn(warning);
     }
@@ -198,7 +196,7 @@ impl ProbeEnvironment {
         } else if is_even(&file) {
             EnvironmentMap::even()
         } else if is_sky(&file) {
-            let sky = headless.project.scene.environment.sky();
+            let sky = headless.shots.project.scene.environment.sky();
             sky.unwrap_or_default().map(SKY_COLUMNS)
         } else {
             read_map(&file, &headless.reading_of(&file), summary)?
@@ -208,7 +206,10 @@ impl ProbeEnvironment {
 
     /// Radiance from a direction of the scene.
     fn radiance(&self, headless: &Headless) -> impl Fn(Vec3) -> [f32; 3] {
-        let turn = self.settings.map_from_asset(headless.cloud.up).as_mat3();
+        let turn = self
+            .settings
+            .map_from_asset(headless.shots.cloud.up)
+            .as_mat3();
         let gain = self.settings.gain();
         move |d| {
             let radiance = self.map.sample(turn * d);
@@ -231,7 +232,7 @@ fn estimated_near(
     let (_, median, _) = distances.select_nth_unstable_by(middle, f32::total_cmp);
     let reach = FAR * *median;
     let taken: Vec<usize> = (0..cloud.len()).filter(|i| distance(*i) < reach).collect();
-    let scene = &headless.project.scene;
+    let scene = &headless.shots.project.scene;
     let wanted = BakeRequest {
         cloud: Arc::new(cloud.selected(&taken)),
         method: Method::Directional,
@@ -240,13 +241,13 @@ fn estimated_near(
         part_of: None,
         beside: None,
     };
-    let bake = || bake::bake(&headless.device, &wanted, &no_progress);
+    let bake = || bake::bake(&headless.shots.device, &wanted, &no_progress);
     let Bake::Directional(bake) = summary.time("bake", bake)? else {
         bail!("the bake is for the other preset");
     };
     let estimate = || estimate_light(&wanted.cloud, &bake, &no_progress);
     let estimate = summary.time("estimate", estimate)?;
-    let up = headless.project.scene_up();
+    let up = headless.shots.project.scene_up();
     report_estimate(&estimate, scene, up, summary);
     Ok(match estimate.obstacle {
         Some(_) => EnvironmentMap::even(),
@@ -262,7 +263,7 @@ pub fn seen(
     rows: usize,
     lights: &Lights<'_>,
 ) -> Result<Probe> {
-    let cloud = &headless.cloud;
+    let cloud = &headless.shots.cloud;
     let mut hidden = vec![false; cloud.len()];
     let firsts = headless.shown().scan(0, |next, (_, asset)| {
         let first = *next;

@@ -3,29 +3,20 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use transplat_core::color::Encoding;
-use transplat_core::environment::Illumination;
-use transplat_core::files::{
-    FileKind, SplatFormat, check_folder, check_output, file_kind, losses, write_relit, write_splat,
-};
+use transplat_core::files::{FileKind, SplatFormat, check_folder, check_output, file_kind};
 use transplat_core::scene::Scene;
-use transplat_core::transfer::{Part, PreparedTransfer};
 
 use super::headless::Headless;
-use super::settings::{assets_of, check_objects, look_of, targets_of, with_scene_as_look};
+use super::settings::{check_objects, scene_of, targets_of};
 use crate::cli::{RelightArgs, usage};
 use crate::commands::refuse_overwriting;
 use crate::summary::Summary;
-use transplat_engine::device::Transfer;
 use transplat_engine::names::{as_file_name, distinct_names, name_of};
-use transplat_engine::output::make_folder;
-use transplat_engine::splat::Splat;
 
 pub fn run(args: &RelightArgs) -> Result<()> {
     let mut summary = Summary::new("relight", &args.out);
-    let (asset, light) = with_scene_as_look(&args.asset, &args.light);
-    let scene = look_of(&asset.options, Some(&light))?;
-    check_objects(&asset, &scene, true)?;
+    let (scene, light) = scene_of(&args.asset, &args.light)?;
+    let assets = check_objects(&scene, true)?;
     let named = targets_of(&light, &scene)?;
     let shown = || scene.objects.iter().filter(|o| o.shown);
     if shown().any(|o| o.source.file.is_none()) || named.is_empty() {
@@ -33,84 +24,27 @@ pub fn run(args: &RelightArgs) -> Result<()> {
             "relight needs --source and --target (each an environment; --source estimate for a light that nobody knows)",
         );
     }
-    let assets = assets_of(&asset, &scene)?;
     let names = object_names(&scene, &assets);
     let is_for_many = light.target.len() > 1 || light.target.iter().any(|t| t.is_dir());
     let objects = names.into_iter().zip(endings(&assets)).collect();
     let output = SplatOutput::new(&args.output, objects, is_for_many)?;
     let outputs: Vec<PathBuf> = named.iter().flat_map(|(t, _)| output.files(t)).collect();
-    let inputs = light
-        .inputs(&scene, &named)
-        .chain(assets.iter().map(|a| &**a));
-    refuse_overwriting(inputs, &outputs)?;
-    output.check_name()?;
-    if output.is_file {
-        check_output(&args.output)?;
-    } else {
-        check_folder(&args.output)?;
-    }
-    let mut headless = Headless::load(&asset, scene, &mut summary)?;
+    output.check(light.inputs(&scene, &named), &outputs)?;
+    let mut headless = Headless::load(args.asset.options.device, scene, &mut summary)?;
     let targets = headless.light(&light, &mut summary)?;
-    let (prepared, _) = headless.prepare(&mut summary)?;
-    let mut transfer = headless.transfer(&prepared, &mut summary)?;
+    headless.prepare(&mut summary)?;
+    // One of all holds them where they stand; else each is written as it was captured.
+    let is_each = headless.shots.project.is_composed() && !output.is_file;
+    let mut written = Vec::new();
     for target in &targets {
         let light = headless.light_by(target, &mut summary)?;
         let files = output.files(&target.name);
-        for folder in files
-            .iter()
-            .filter_map(|f| f.parent())
-            .filter(|_| !output.is_file)
-        {
-            make_folder(folder)?;
-        }
-        let by = (&prepared, &mut transfer);
-        let files = (&files[..], output.is_file);
-        write(&headless, by, (&target.name, &light), files, &mut summary)?;
+        let relit = headless.relight_splats(&target.name, &light, is_each, &mut summary)?;
+        headless.write_splats(relit, &files, is_each, &mut summary)?;
+        written.extend(files.iter().map(|file| file.display().to_string()));
     }
-    let written = targets.iter().flat_map(|t| output.files(&t.name));
-    let names: Vec<String> = written.map(|o| o.display().to_string()).collect();
-    summary.set("outputs", names.clone());
-    summary.finish(&format!("wrote {}", names.join(", ")))
-}
-
-/// Writes what a light makes of the scene: each object into a file of its own, as it was captured, or all into one, where they stand.
-fn write(
-    headless: &Headless,
-    (prepared, transfer): (&PreparedTransfer, &mut Transfer),
-    (name, light): (&str, &Illumination),
-    (files, is_one_of_all): (&[PathBuf], bool),
-    summary: &mut Summary,
-) -> Result<()> {
-    let is_scene = matches!(
-        prepared,
-        PreparedTransfer::Scene(_) | PreparedTransfer::HarmonicScene(_)
-    );
-    if is_scene && !is_one_of_all {
-        let relit = headless.relight_objects(prepared, name, light, summary)?;
-        for (((at, _, asset), relit), file) in headless.project.shown().zip(relit).zip(files) {
-            let cloud = asset.upright(headless.project.up_of(at));
-            summary.time("export", || {
-                write_relit(&asset.file, &cloud, &relit.stored(&cloud), file)
-            })?;
-            warn_of_losses(asset, file, summary);
-        }
-        return Ok(());
-    }
-    let wanted = (light, Part::Whole, &[][..]);
-    let relit = headless.relight(prepared, transfer, name, wanted, summary)?;
-    let (cloud, (_, asset)) = (&headless.cloud, headless.first());
-    summary.time("export", || {
-        if is_scene {
-            let stored = relit.stored_as(cloud.sh_degree, Encoding::Stored);
-            write_splat(cloud, &stored, &files[0])
-        } else {
-            write_relit(&asset.file, cloud, &relit.stored(cloud), &files[0])
-        }
-    })?;
-    if !is_scene {
-        warn_of_losses(asset, &files[0], summary);
-    }
-    Ok(())
+    summary.set("outputs", written.clone());
+    summary.finish(&format!("wrote {}", written.join(", ")))
 }
 
 /// A name for each object's file: its own, or its splat's; no two are the same.
@@ -130,10 +64,8 @@ fn endings(assets: &[PathBuf]) -> impl Iterator<Item = &'static str> {
         .map(move |asset| ending(asset).unwrap_or(".ply"))
 }
 
-fn warn_of_losses(asset: &Splat, path: &Path, summary: &mut Summary) {
-    if let Some(lost) = losses(&asset.file, &asset.cloud, path) {
-        summary.warn(format!("{}: {lost}", path.display()));
-    }
+fn ends_with_slash(path: &Path) -> bool {
+    path.to_string_lossy().ends_with('/')
 }
 
 /// Where splats go: one file, or a folder with one a light and object.
@@ -161,22 +93,27 @@ impl<'a> SplatOutput<'a> {
         let is_of_several = objects.len() > 1 && !is_splat;
         Ok(Self {
             path,
-            is_file: !is_for_many && !is_of_several && !path.to_string_lossy().ends_with('/'),
             is_for_many,
+            is_file: !is_for_many && !is_of_several && !ends_with_slash(path),
             objects,
         })
     }
 
-    /// Refuses a file that is called as no splat is.
-    fn check_name(&self) -> Result<()> {
-        let extension = self.path.extension().filter(|_| !self.path.is_dir());
-        let is_splat = SplatFormat::of_name(self.path).is_some();
-        let is_folder = self.is_for_many || self.path.to_string_lossy().ends_with('/');
-        if extension.is_some() && !is_splat && !is_folder {
+    /// Refuses files that are inputs, or that cannot be written.
+    fn check<'b>(&self, inputs: impl Iterator<Item = &'b Path>, files: &[PathBuf]) -> Result<()> {
+        refuse_overwriting(inputs, files)?;
+        let path = self.path;
+        let is_splat = SplatFormat::of_name(path).is_some();
+        let is_folder = self.is_for_many || path.is_dir() || ends_with_slash(path);
+        if path.extension().is_some() && !is_splat && !is_folder {
             bail!(
                 "{}: a splat is written as .ply, .compressed.ply, .spz, .sog, .splat or .glb; a folder ends with a slash",
-                self.path.display()
+                path.display()
             );
+        }
+        match self.is_file {
+            true => check_output(path)?,
+            false => check_folder(path)?,
         }
         Ok(())
     }

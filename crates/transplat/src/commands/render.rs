@@ -7,27 +7,23 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Result, bail};
-use clap::ValueEnum;
-use transplat_core::bake::Bake;
 use transplat_core::camera::CameraPose;
 use transplat_core::files::{check_folder, check_output, load_backplate, load_lut};
 use transplat_core::present::{Background, View};
 use transplat_core::progress::no_progress;
 use transplat_core::scene::{EVEN, MOST_FRAMES, Scene};
 use transplat_core::settings::optimizations::SkippedWork;
-use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::headless::{Headless, Target};
-use super::settings::{assets_of, check_objects, look_of, put, targets_of, with_scene_as_look};
-use crate::cli::{PictureFormat, RenderArgs, usage};
+use super::settings::{check_objects, look_of, name_asset, put, targets_of, with_scene_as_look};
+use crate::cli::{RenderArgs, image_format, usage};
 use crate::commands::refuse_overwriting;
 use crate::summary::Summary;
 use frames::{Frame, frames, photographs};
-use transplat_engine::device::Transfer;
 use transplat_engine::layers::Layers;
 use transplat_engine::output::{ImageFormat, Sink, make_folder};
 use transplat_engine::render::{Lit, Studio};
-use transplat_engine::shot::{self, Backdrops};
+use transplat_engine::shot::save_layers;
 use transplat_engine::video::VideoFormat;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
@@ -61,6 +57,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         ..args.clone()
     };
     let mut scene = settings(args)?;
+    name_asset(&mut scene, &args.asset);
     if scene.view.is_of_materials() && targets_of(&args.light, &scene)?.is_empty() {
         // No light changes it, and any will do.
         scene.environment.set_file(EVEN.into());
@@ -72,7 +69,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         }
     }
     let targets = targets_of(&args.light, &scene)?;
-    check_objects(&args.asset, &scene, !targets.is_empty())?;
+    let assets = check_objects(&scene, !targets.is_empty())?;
     let mut shown = scene.objects.iter().filter(|o| o.shown);
     let relit = shown.all(|o| o.source.file.is_some());
     let view = view_asked(args, &scene, relit, &targets)?;
@@ -81,7 +78,6 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
             "--layers are of what is relit: they need --source and --target, and no other --view",
         );
     }
-    let assets = assets_of(&args.asset, &scene)?;
     if assets.len() > 1 && !relit && args.view.is_none() {
         summary.warn(
             "nothing tells what the objects were captured under (\"source\" in the scene): they are drawn as captured, and throw no light or shadow on each other",
@@ -101,8 +97,8 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     if args.animation && !view.needs_relit() {
         return usage("--animation is of what is relit, and this view is not");
     }
-    let mut headless = Headless::load(&args.asset, scene, summary)?;
-    let scene = headless.project.scene.clone();
+    let mut headless = Headless::load(args.asset.options.device, scene, summary)?;
+    let scene = headless.shots.project.scene.clone();
     let frames = frames(args, &headless, summary)?;
     let mut output = ImageOutput::new(args, frames.len(), targets.len())?;
     if wanted.is_some() {
@@ -114,7 +110,6 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     let inputs = args
         .light
         .inputs(&scene, &targets)
-        .chain(assets.iter().map(|a| &**a))
         .chain(cameras)
         .chain(scene.lut.as_deref())
         .chain(photographs.iter().map(|p| &**p));
@@ -137,7 +132,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
             summary.warn(format!("{}: {warning}", path.display()));
         }
     }
-    let linear = output.format == PictureFormat::Exr;
+    let linear = output.format == ImageFormat::ExrFloat;
     let is_plain = scene.display.is_identity() && scene.lut.is_none();
     if linear && (scene.false_color || !is_plain) {
         summary.warn(
@@ -163,25 +158,20 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     if read.is_some() {
         headless.bake_ground(summary)?;
     }
-    let of = (view, linear);
-    let (mut studio, warning) =
-        shot::studio(&headless.project, &headless.cloud, of, &headless.device)?;
-    if let Some(warning) = warning {
-        summary.warn(warning);
-    }
+    let mut studio = headless.shots.studio(view, linear)?;
+    headless.warn(summary);
     studio.lut = lut;
-    let mut shots = RenderRun {
+    let mut run = RenderRun {
         args,
         wanted,
         frames: &frames,
         output: &output,
         studio,
         plate: None,
-        backdrops: Backdrops::default(),
         headless,
     };
     if view.needs_relit() {
-        return shots.relit(&read.unwrap_or_default(), summary);
+        return run.relit(&read.unwrap_or_default(), summary);
     }
     if relit {
         summary.skip("transfer", "this view shows no relit colour");
@@ -190,7 +180,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         .into_iter()
         .map(|(name, path)| Target { name, path });
     let targets = read.unwrap_or_else(|| named.collect());
-    shots.as_captured(&targets, summary)
+    run.as_captured(&targets, summary)
 }
 
 /// View that is requested.
@@ -250,7 +240,7 @@ const OTHER_PICTURES: [&str; 11] = [
 /// Where pictures go.
 struct ImageOutput<'a> {
     path: &'a Path,
-    format: PictureFormat,
+    format: ImageFormat,
     is_file: bool,
     folder_per_target: bool,
 }
@@ -259,7 +249,7 @@ impl<'a> ImageOutput<'a> {
     fn new(args: &'a RenderArgs, frames: usize, targets: usize) -> Result<Self> {
         let path = &args.output;
         let extension = path.extension().unwrap_or_default().to_string_lossy();
-        let named = PictureFormat::from_str(&extension, true).ok();
+        let named = image_format(&extension);
         let is_folder = path.is_dir() || path.to_string_lossy().ends_with('/');
         let is_video = VideoFormat::of(path).is_some() && !is_folder;
         let is_file = is_video || named.is_some() && !is_folder;
@@ -276,7 +266,7 @@ impl<'a> ImageOutput<'a> {
                 path.display()
             );
         }
-        if is_video && (args.layers || args.format == Some(PictureFormat::Exr)) {
+        if is_video && (args.layers || args.format == Some(ImageFormat::ExrFloat)) {
             return usage("a film holds display values: neither --layers nor --format exr");
         }
         if is_file && !is_video && frames * targets.max(1) > 1 {
@@ -298,13 +288,13 @@ impl<'a> ImageOutput<'a> {
         }
         let in_folder = args.light.target.iter().any(|t| t.is_dir());
         let asked = args.format.or(named.filter(|_| is_file));
-        let layered = args.layers.then_some(PictureFormat::Exr);
-        if layered.is_some() && asked.is_some_and(|f| f != PictureFormat::Exr) {
+        let layered = args.layers.then_some(ImageFormat::ExrFloat);
+        if layered.is_some() && asked.is_some_and(|f| f != ImageFormat::ExrFloat) {
             return usage("--layers are written as .exr");
         }
         Ok(Self {
             path,
-            format: asked.or(layered).unwrap_or(PictureFormat::Png),
+            format: asked.or(layered).unwrap_or(ImageFormat::Png8),
             is_file,
             folder_per_target: !is_file && (targets > 1 || in_folder),
         })
@@ -351,49 +341,34 @@ struct RenderRun<'a> {
     studio: Studio,
     /// The photograph that is behind it now.
     plate: Option<PathBuf>,
-    backdrops: Backdrops,
     headless: Headless,
 }
 
 impl RenderRun<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
     fn relit(&mut self, targets: &[Target], summary: &mut Summary) -> Result<usize> {
-        let by = self.headless.prepare(summary)?;
-        let (prepared, bake) = &by;
-        let mut transfer = self.headless.transfer(prepared, summary)?;
+        self.headless.prepare(summary)?;
+        self.headless.relighter(summary)?;
         let mut written = 0;
-        let scene = &self.headless.project.scene;
-        let is_of_place = self.args.layers && scene.first_is_a_place();
-        let alone = is_of_place
-            .then(|| summary.time("surroundings", || shot::place_alone(scene, prepared)));
-        let place = alone.transpose()?.flatten();
+        if self.args.layers && self.studio.scene.first_is_a_place() {
+            summary.time("surroundings", || {
+                self.headless.shots.place_alone().map(drop)
+            })?;
+        }
+        let view = self.studio.view;
         for target in targets {
             let light = self.headless.light_by(target, summary)?;
-            let unseen = self.headless.project.spared_surfels();
+            let unseen = self.headless.shots.project.spared_surfels();
             summary.skipped(SkippedWork::of_unseen(&unseen));
             if self.args.animation {
-                let by = (prepared, &mut transfer, &**bake);
-                written += self.animate(by, target, &unseen, summary)?;
+                written += self.animate(target, &unseen, summary)?;
                 continue;
             }
-            let wanted = (&light, self.studio.view.part(), &unseen[..]);
-            let by = (prepared, &mut transfer);
-            let relit = self
-                .headless
-                .relight(by.0, by.1, &target.name, wanted, summary)?;
-            let layers = match self.args.layers {
-                true => {
-                    let project = &self.headless.project;
-                    Some(shot::layers(
-                        project,
-                        relit.clone(),
-                        place.as_ref(),
-                        &light,
-                    )?)
-                }
-                false => None,
-            };
-            let lit = self.lit(relit, (prepared, bake))?;
+            let wanted = (&light, view.part(), &unseen[..]);
+            let relit = self.headless.relight(&target.name, wanted, summary)?;
+            let shots = &mut self.headless.shots;
+            let layers = self.args.layers.then(|| shots.layers(relit.clone()));
+            let (layers, lit) = (layers.transpose()?, shots.lit_by(view, Some(relit))?);
             written += match &layers {
                 Some(layers) => self.take_layers((target, layers), &lit, summary)?,
                 None => self.take(Some(&target.name), &lit, summary)?,
@@ -402,24 +377,14 @@ impl RenderRun<'_> {
         Ok(written)
     }
 
-    /// Lights a view by a relit result, with what is around.
-    fn lit(&mut self, relit: Relit, by: (&PreparedTransfer, &Bake)) -> Result<Lit> {
-        let (view, cloud) = (self.studio.view, &self.headless.cloud);
-        let mut lit = Lit::of(view, relit, cloud, by.1, by.0);
-        self.backdrops
-            .surround(&mut lit, &self.headless.project, view)?;
-        Ok(lit)
-    }
-
     /// Frame by frame under the light of its time.
     fn animate(
         &mut self,
-        (prepared, transfer, bake): (&PreparedTransfer, &mut Transfer, &Bake),
         target: &Target,
         unseen: &[bool],
         summary: &mut Summary,
     ) -> Result<usize> {
-        let scene = self.headless.project.scene.clone();
+        let scene = self.headless.shots.project.scene.clone();
         let mut sink = self.sink();
         let bar = summary.progress_bar("drawing");
         let name = Some(&*target.name);
@@ -431,17 +396,19 @@ impl RenderRun<'_> {
             if !self.wants(name, frame) {
                 continue;
             }
-            let now = &mut self.headless.project.scene;
+            let now = &mut self.headless.shots.project.scene;
             *now = scene.clone();
             now.go_to(frame.number as f64 / f64::from(self.args.frame_rate));
             let light = self.headless.light_by(target, summary)?;
-            let part = self.studio.view.part();
-            let change = || transfer.change_light(&light, part, unseen);
+            let view = self.studio.view;
+            let transfer = &mut self.headless.shots.relighter()?.transfer;
+            let change = || transfer.change_light(&light, view.part(), unseen);
             summary.time("transfer", change)?;
-            let lit = self.lit(transfer.result()?, (prepared, bake))?;
+            let relit = transfer.result()?;
+            let lit = self.headless.shots.lit_by(view, Some(relit))?;
             self.take_frame((name, frame), &lit, &mut sink, summary)?;
         }
-        self.headless.project.scene = scene;
+        self.headless.shots.project.scene = scene;
         let count = sink.count;
         summary.time("export", || sink.finish())?;
         Ok(count)
@@ -454,11 +421,8 @@ impl RenderRun<'_> {
         }
         let mut written = 0;
         for target in targets {
-            let mut lit = Lit::default();
             self.headless.light_by(target, summary)?;
-            let view = self.studio.view;
-            self.backdrops
-                .surround(&mut lit, &self.headless.project, view)?;
+            let lit = self.headless.shots.lit_by(self.studio.view, None)?;
             written += self.take(Some(&target.name), &lit, summary)?;
         }
         Ok(written)
@@ -475,8 +439,8 @@ impl RenderRun<'_> {
         if !self.output.is_file {
             make_folder(&self.output.folder(name))?;
         }
-        let cloud = self.headless.cloud.clone();
-        let mut look = self.headless.project.scene.clone();
+        let cloud = self.headless.shots.cloud.clone();
+        let mut look = self.headless.shots.project.scene.clone();
         let middle = cloud.bounds().center;
         let factor = usize::from(self.args.supersample);
         for frame in self.frames {
@@ -488,7 +452,7 @@ impl RenderRun<'_> {
             let channels = summary.time("rasterize", taken)?;
             let size = [frame.camera.width, frame.camera.height];
             summary.time("export", || {
-                shot::save_layers(&path, &look_beside(&path), &look, size, channels)
+                save_layers(&path, &look_beside(&path), &look, size, channels)
             })?;
         }
         Ok(self.frames.len())
@@ -510,11 +474,7 @@ impl RenderRun<'_> {
     }
 
     fn sink(&self) -> Sink {
-        let format = match self.output.format {
-            PictureFormat::Png => ImageFormat::Png8,
-            PictureFormat::Exr => ImageFormat::ExrFloat,
-        };
-        Sink::new(format, self.args.frame_rate)
+        Sink::new(self.output.format, self.args.frame_rate)
     }
 
     fn wants(&self, target: Option<&str>, frame: &Frame) -> bool {

@@ -12,7 +12,7 @@ use transplat_core::files::load_environment;
 use transplat_core::scene::{Scene, is_file};
 use transplat_core::settings::Method;
 
-use crate::cli::{AssetArgs, ReportArgs, ReportPart, usage};
+use crate::cli::{ReportArgs, ReportPart, usage};
 use crate::commands::headless::Headless;
 use crate::commands::refuse_overwriting;
 use crate::commands::settings::look_of;
@@ -202,21 +202,18 @@ fn subject(args: &ReportArgs, device: &Device, summary: &mut Summary) -> Result<
     }
     let mut scene = look_of(&args.options, None)?;
     scene.objects[0].source.set_file(source.clone());
-    let asset = AssetArgs {
-        asset: Some(asset.clone()),
-        options: args.options.clone(),
-    };
-    let mut headless = Headless::load(&asset, scene, summary)?;
+    scene.objects[0].asset = Some(asset.clone());
+    let mut headless = Headless::load(args.options.device, scene, summary)?;
     let map = load_environment(&target)?;
     let lights = [
         headless.source_light(summary)?,
         device.light(&map, Method::Directional)?,
     ];
-    let up = headless.cloud.up;
+    let up = headless.shots.cloud.up;
     let plain = Scene::default();
     let lights = plain.lights_on(&plain.objects[0], lights.each_ref(), up);
     Ok(Subject {
-        cloud: headless.cloud,
+        cloud: headless.shots.cloud,
         map: Some(map),
         lights,
         views: None,

@@ -13,49 +13,40 @@ use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
 use transplat_engine::environments::environments_in;
 use transplat_engine::names::{beside, name_of};
 
-/// The splats of the objects that are shown: the first one's by the command line or else by the look.
-pub fn assets_of(args: &AssetArgs, scene: &Scene) -> Result<Vec<PathBuf>> {
-    let shown = (0..scene.objects.len()).filter(|at| scene.objects[*at].shown);
-    let assets = shown.map(|at| asset_of(args, scene, at));
-    let assets = assets.collect::<Result<Vec<PathBuf>>>()?;
-    if assets.is_empty() {
-        return usage("no object of the scene is shown");
-    }
-    Ok(assets)
-}
-
-/// An object's splat.
-pub fn asset_of(args: &AssetArgs, scene: &Scene, at: usize) -> Result<PathBuf> {
-    let named = args.asset.clone().filter(|_| at == 0);
-    let asset = named.or_else(|| scene.objects[at].asset.clone());
-    match asset {
-        Some(asset) => Ok(asset),
-        None => usage("the splat to work on is needed: ASSET, or --look FILE with one in it"),
+/// The splats of the objects that are shown; the first object has one in any case.
+pub fn assets_of(scene: &Scene) -> Result<Vec<PathBuf>> {
+    let shown = scene.objects.iter().filter(|o| o.shown);
+    let assets: Option<Vec<PathBuf>> = shown.map(|o| o.asset.clone()).collect();
+    match assets {
+        Some(assets) if assets.is_empty() => usage("no object of the scene is shown"),
+        Some(assets) if scene.objects[0].asset.is_some() => Ok(assets),
+        _ => usage("the splat to work on is needed: ASSET, or --look FILE with one in it"),
     }
 }
 
 /// Refuses a scene that names a splat that is not there or, where it is to be relit, tells what some of its objects were captured under and
-/// not all.
-pub fn check_objects(args: &AssetArgs, scene: &Scene, is_relit: bool) -> Result<()> {
-    let assets = assets_of(args, scene)?;
-    let shown = || scene.objects.iter().filter(|o| o.shown);
-    for (object, asset) in shown().zip(&assets) {
-        let found = check_readable(asset);
+/// not all. Yields the splats.
+pub fn check_objects(scene: &Scene, is_relit: bool) -> Result<Vec<PathBuf>> {
+    let assets = assets_of(scene)?;
+    let shown = scene.objects.iter().filter(|o| o.shown).zip(&assets);
+    let mut unset = None;
+    for (object, asset) in shown.clone() {
+        let (name, found) = (name_of(object, asset), check_readable(asset));
         match assets.len() {
             1 => found?,
-            _ => found.with_context(|| format!("the splat of {}", name_of(object, asset)))?,
+            _ => found.with_context(|| format!("the splat of {name}"))?,
+        }
+        if object.source.file.is_none() {
+            unset.get_or_insert(name);
         }
     }
-    let (told, unset): (Vec<_>, Vec<_>) = shown()
-        .zip(&assets)
-        .partition(|(object, _)| object.source.file.is_some());
-    if let (true, false, Some((object, asset))) = (is_relit, told.is_empty(), unset.first()) {
+    let is_any_set = shown.map(|(o, _)| o).any(|o| o.source.file.is_some());
+    if let (true, true, Some(name)) = (is_relit, is_any_set, unset) {
         return usage(&format!(
-            "{}: what it was captured under is missing: \"source\": {{\"file\": ENV|\"estimate\"}} in the look; of the first object --source tells it, too",
-            name_of(object, asset)
+            "{name}: what it was captured under is missing: \"source\": {{\"file\": ENV|\"estimate\"}} in the look; of the first object --source tells it, too",
         ));
     }
-    Ok(())
+    Ok(assets)
 }
 
 /// True where a file that may be a splat is a look.
@@ -70,6 +61,21 @@ pub fn with_scene_as_look(asset: &AssetArgs, light: &LightArgs) -> (AssetArgs, L
         light.capture.look = asset.asset.take_if(|path| is_look(path));
     }
     (asset, light)
+}
+
+/// The scene of a command line, and its lights with the look that is opened: a splat that is named is the first object's.
+pub fn scene_of(asset: &AssetArgs, light: &LightArgs) -> Result<(Scene, LightArgs)> {
+    let (asset, light) = with_scene_as_look(asset, light);
+    let mut scene = look_of(&asset.options, Some(&light))?;
+    name_asset(&mut scene, &asset);
+    assets_of(&scene)?;
+    Ok((scene, light))
+}
+
+/// Takes the splat that a command line names for the first object.
+pub fn name_asset(scene: &mut Scene, asset: &AssetArgs) {
+    let first = &mut scene.objects[0];
+    first.asset = asset.asset.clone().or(first.asset.take());
 }
 
 /// The settings: those of a saved look, and what the command line says over it.

@@ -1,6 +1,6 @@
 //! Exports of images and splats, in the background, from a copy of the project.
 
-mod label;
+mod caption;
 mod run;
 mod sheet;
 pub mod task;

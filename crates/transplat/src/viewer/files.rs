@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use transplat_core::files::percent_decoded;
+use transplat_core::files::{SPLAT_ENDINGS, percent_decoded};
 
 use super::session::{Dialog, Event, SaveKind, Session};
 use transplat_engine::jobs::Kind;
@@ -124,6 +124,12 @@ pub fn ask(session: &mut Session, dialog: Dialog) {
     });
 }
 
+/// Endings of environments that are opened.
+const ENVIRONMENTS: [&str; 5] = ["hdr", "exr", "png", "jpg", "jpeg"];
+
+/// Endings of splats that are saved.
+const SPLATS: [&str; 5] = ["ply", "spz", "sog", "splat", "glb"];
+
 fn show(dialog: Dialog) -> Option<Event> {
     match dialog {
         Dialog::Open => rfd::FileDialog::new()
@@ -131,17 +137,14 @@ fn show(dialog: Dialog) -> Option<Event> {
             .add_filter(
                 tr("All that opens"),
                 &[
-                    "ply", "spz", "sog", "splat", "ksplat", "glb", "gltf", "hdr", "exr", "png",
-                    "jpg", "jpeg", "json", "bin", "txt", "cube",
-                ],
+                    &SPLAT_ENDINGS[..],
+                    &ENVIRONMENTS,
+                    &["json", "bin", "txt", "cube"],
+                ]
+                .concat(),
             )
-            .add_filter(
-                tr("Splats"),
-                &[
-                    "ply", "spz", "sog", "json", "splat", "ksplat", "glb", "gltf",
-                ],
-            )
-            .add_filter(tr("Environments"), &["hdr", "exr", "png", "jpg", "jpeg"])
+            .add_filter(tr("Splats"), &[&SPLAT_ENDINGS[..], &["json"]].concat())
+            .add_filter(tr("Environments"), &ENVIRONMENTS)
             .add_filter(tr("Tables of colours"), &["cube"])
             .add_filter(tr("Looks and cameras"), &["json", "bin", "txt"])
             .pick_files()
@@ -156,7 +159,7 @@ fn show(dialog: Dialog) -> Option<Event> {
             .map(|folder| Event::SaveTo(folder, SaveKind::Folder)),
         Dialog::Save(SaveKind::Backplate, _) => rfd::FileDialog::new()
             .set_title(tr("Photograph behind the objects"))
-            .add_filter(tr("Photographs"), &["png", "jpg", "jpeg", "exr", "hdr"])
+            .add_filter(tr("Photographs"), &ENVIRONMENTS)
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::Backplate)),
         Dialog::Save(SaveKind::OpenRig, _) => rfd::FileDialog::new()
@@ -178,11 +181,8 @@ fn show(dialog: Dialog) -> Option<Event> {
                     tr("Environment"),
                     &["exr", "hdr"],
                 ),
-                SaveKind::Splat => (
-                    tr("Export relit splat"),
-                    tr("Splat"),
-                    &["ply", "spz", "sog", "splat", "glb"],
-                ),
+                SaveKind::Splat => (tr("Export relit splat"), tr("Splat"), &SPLATS),
+                SaveKind::Delit => (tr("Export delit"), tr("Splat"), &SPLATS),
                 _ => (tr("Save picture"), tr("Picture"), &["png", "exr"]),
             };
             rfd::FileDialog::new()

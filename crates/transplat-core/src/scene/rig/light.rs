@@ -204,7 +204,7 @@ impl Light {
                 let shape = Shape::Spot {
                     position: position.as_vec3(),
                     axis: direction.as_vec3(),
-                    light_sample: beam_deg.to_radians() as f32,
+                    beam: beam_deg.to_radians() as f32,
                     cutoff: cutoff_deg.to_radians() as f32,
                 };
                 (shape, intensity)

@@ -654,7 +654,7 @@ mod tests {
                     Shape::Spot {
                         position,
                         axis: -Vec3::Z,
-                        light_sample: 0.0,
+                        beam: 0.0,
                         cutoff: 0.0,
                     },
                 ] {

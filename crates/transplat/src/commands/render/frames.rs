@@ -27,7 +27,7 @@ pub struct Frame {
 pub fn frames(args: &RenderArgs, headless: &Headless, summary: &mut Summary) -> Result<Vec<Frame>> {
     let mut frames = cameras(args, headless, summary)?;
     if let Some(aperture) = args.camera.aperture {
-        let middle = headless.cloud.bounds().center;
+        let middle = headless.shots.cloud.bounds().center;
         let place = args.camera.look_at.map_or(middle, |at| headless.place(at));
         for Frame { camera, .. } in &mut frames {
             if camera.lens.focus.is_infinite() {
@@ -59,7 +59,7 @@ fn asked(args: &RenderArgs, count: usize) -> Result<std::ops::RangeInclusive<usi
 }
 
 fn cameras(args: &RenderArgs, headless: &Headless, summary: &mut Summary) -> Result<Vec<Frame>> {
-    let (scene, cloud) = (&headless.project.scene, &headless.cloud);
+    let (scene, cloud) = (&headless.shots.project.scene, &headless.shots.cloud);
     let bounds = cloud.bounds();
     let near = NEAR * bounds.radius;
     let plate = scene.plate.as_ref();

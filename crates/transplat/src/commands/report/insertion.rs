@@ -169,7 +169,7 @@ impl<'a> InsertionSubject<'a> {
         summary: &mut Summary,
     ) -> Result<Self> {
         let headless = loaded(&truth.with(insert)?, Method::Directional, device, summary)?;
-        let views = truth.views(insert, headless.cloud.bounds().radius)?;
+        let views = truth.views(insert, headless.shots.cloud.bounds().radius)?;
         let probe = probe(&headless, summary)?;
         Ok(Self {
             truth,
@@ -196,7 +196,11 @@ impl<'a> InsertionSubject<'a> {
             Way::Paper => return together(&self.headless, Method::Harmonic, summary).map(Some),
             Way::Best => return together(&self.headless, Method::Directional, summary).map(Some),
         };
-        let light = self.headless.device.light(&light, Method::Directional)?;
+        let light = self
+            .headless
+            .shots
+            .device
+            .light(&light, Method::Directional)?;
         let relit = alone(&self.headless, inserted, &light, summary)?;
         Ok(Some(vec![captured(&scene.cloud), relit]))
     }
@@ -204,7 +208,11 @@ impl<'a> InsertionSubject<'a> {
     /// Draws each view, writes it, and compares it with the truth.
     fn score(&self, relit: &[Relit], folder: &Path) -> Result<Score> {
         make_folder(folder)?;
-        let (painter, _) = self.headless.device.painter(&self.headless.cloud)?;
+        let (painter, _) = self
+            .headless
+            .shots
+            .device
+            .painter(&self.headless.shots.cloud)?;
         let mut scores = Vec::new();
         for (number, view) in self.views.iter().enumerate() {
             let mut colors = Vec::new();
@@ -269,13 +277,13 @@ fn loaded(
 
 /// Both relit by what lights the scene.
 fn together(headless: &Headless, method: Method, summary: &mut Summary) -> Result<Vec<Relit>> {
-    let scene = &headless.project.scene;
-    let mut again = loaded(scene, method, &headless.device, summary)?;
+    let scene = &headless.shots.project.scene;
+    let mut again = loaded(scene, method, &headless.shots.device, summary)?;
     let targets = again.light(&LightArgs::default(), summary)?;
-    let (prepared, _) = again.prepare(summary)?;
+    again.prepare(summary)?;
     let target = targets.first().context("a light")?;
     let light = again.light_by(target, summary)?;
-    again.relight_objects(&prepared, &target.name, &light, summary)
+    again.relight_splats(&target.name, &light, true, summary)
 }
 
 /// An object relit alone by a light of the scene.
@@ -285,7 +293,7 @@ fn alone(
     light: &Illumination,
     summary: &mut Summary,
 ) -> Result<Relit> {
-    let scene = &headless.project.scene;
+    let scene = &headless.shots.project.scene;
     let as_captured = Scene {
         objects: vec![Object {
             transform: Transform::default(),
@@ -294,12 +302,12 @@ fn alone(
         environment: EnvironmentLight::of(EVEN),
         ..scene.clone()
     };
-    let mut again = Headless::of(as_captured, headless.device.clone(), summary)?;
+    let mut again = Headless::of(as_captured, headless.shots.device.clone(), summary)?;
     again.light(&LightArgs::default(), summary)?;
-    let (prepared, _) = again.prepare(summary)?;
+    let prepared = again.prepare(summary)?;
     let object_from_scene = object.transform.rotation.inverse().as_dquat();
     // As the scene sees it, and as the object is turned in it.
-    let light = EnvironmentLight::default().orient(light, headless.cloud.up);
+    let light = EnvironmentLight::default().orient(light, headless.shots.cloud.up);
     let light = light.rotated(DMat3::from_quat(object_from_scene));
     Ok(prepared.relight(&light, Part::Whole)?)
 }
@@ -324,7 +332,7 @@ fn probe(headless: &Headless, summary: &mut Summary) -> Result<EnvironmentMap> {
     let place = scene_from_object.transform_point3(asset.cloud.bounds().center);
     let light = Some(scene.source.clone());
     let around = ProbeEnvironment::load(headless, place, light, summary)?;
-    let (painter, _) = headless.device.painter(&headless.cloud)?;
+    let (painter, _) = headless.shots.device.painter(&headless.shots.cloud)?;
     let lights = Lights {
         around: around.as_ref(),
         ..Lights::default()

@@ -6,8 +6,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result, bail};
 use transplat_core::camera::{Camera, CameraPose};
-use transplat_core::color::Encoding;
-use transplat_core::files::{folder_of, write_relit, write_splat};
+use transplat_core::files::folder_of;
 use transplat_core::present::{self, Background, View};
 use transplat_core::progress::{Progress, tell};
 use transplat_core::rasterize::Raster;
@@ -179,10 +178,14 @@ impl<'a> ExportRun<'a> {
     /// # Errors
     /// Nothing is shown, or the look that it is compared with cannot be relit.
     pub fn of(export: Export, handle: &'a Handle<SessionChange>) -> Result<Self> {
-        let mut shots = Shots::of(export.project, handle.watch())?;
+        let watched = |mut project: Project| {
+            project.set_watch(handle.watch());
+            project
+        };
+        let mut shots = Shots::of(watched(export.project))?;
         if let Some(look) = export.pinned {
             let is_linear = export.settings.format.is_linear();
-            shots.set_before(look, handle.watch(), is_linear)?;
+            shots.set_before(watched(look), is_linear)?;
         }
         Ok(Self {
             shots,
@@ -300,8 +303,17 @@ impl<'a> ExportRun<'a> {
     }
 
     fn set_up(&mut self, view: View) -> Result<(Studio, Lit)> {
+        Ok((self.studio(view)?, self.shots.lit(view)?))
+    }
+
+    /// A studio with ground, plate and LUT.
+    fn studio(&mut self, view: View) -> Result<Studio> {
+        self.shots.project.requested.ground = true;
         let is_linear = self.settings.format.is_linear();
-        Ok((self.shots.studio(view, is_linear)?, self.shots.lit(view)?))
+        let mut studio = self.shots.studio(view, is_linear)?;
+        studio.load_backplate()?;
+        studio.load_lut()?;
+        Ok(studio)
     }
 
     fn save(&mut self, path: &Path, view: View, progress: Progress<'_>) -> Result<()> {
@@ -327,7 +339,8 @@ impl<'a> ExportRun<'a> {
     ) -> Result<()> {
         let camera = self.camera(pose);
         let factor = self.settings.supersample;
-        let channels = self.shots.layers(studio, &camera, factor, lit)?;
+        let relit = lit.relit.clone().context("nothing is relit")?;
+        let channels = (self.shots.layers(relit)?).take(studio, &camera, factor, lit)?;
         let folder = folder_of(path);
         make_folder(folder)?;
         let name = path.with_extension("look");
@@ -411,7 +424,7 @@ impl<'a> ExportRun<'a> {
         let is_followed = lights.any(|light| light.fixed_to == FixedTo::Camera);
         let light_stays = light_stays && !is_followed;
         let (view, light) = (scene.view, environment.light.name());
-        let studio = self.shots.studio(view, self.settings.format.is_linear())?;
+        let studio = self.studio(view)?;
         let mut lit = match light_stays {
             true => self.shots.lit(view)?,
             false => Lit::default(),
@@ -480,13 +493,8 @@ impl<'a> ExportRun<'a> {
     fn write_splat(&mut self, path: &Path) -> Result<ExportResult> {
         let relit = self.shots.relit(Part::Whole, &[])?;
         tell(&self.step(0, 1), 0.0)?;
-        let cloud = &self.shots.cloud;
-        if self.shots.project.is_composed() {
-            let stored = relit.stored_as(cloud.sh_degree, Encoding::Stored);
-            write_splat(cloud, &stored, path)?;
-        } else {
-            write_relit(&self.asset()?.file, cloud, &relit.stored(cloud), path)?;
-        }
+        let files = [path.to_owned()];
+        self.shots.write_splats(vec![relit], &files, false)?;
         Ok(ExportResult::Files(vec![path.to_owned()]))
     }
 

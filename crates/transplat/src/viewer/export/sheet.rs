@@ -7,7 +7,7 @@ use transplat_core::files::folder_of;
 use transplat_core::progress::tell;
 use transplat_core::rasterize::Raster;
 
-use super::label::Labels;
+use super::caption::Captions;
 use super::run::ExportRun;
 use super::task::ExportResult;
 use transplat_engine::environments::Environment;
@@ -54,7 +54,7 @@ pub(super) fn contact_sheet(run: &mut ExportRun<'_>) -> Result<ExportResult> {
         pixels: vec![paper; width * columns * cell * rows],
         depth: Vec::new(),
     };
-    let mut labels = Labels::new(0.6 * caption as f32);
+    let mut captions = Captions::new(0.6 * caption as f32);
     let scene = run.shots.project.scene.clone();
     for (i, light) in run.light_library.clone().iter().enumerate() {
         let progress = run.step(i, count);
@@ -70,7 +70,7 @@ pub(super) fn contact_sheet(run: &mut ExportRun<'_>) -> Result<ExportResult> {
         }
         let margin = caption / 2;
         let room = width.saturating_sub(2 * margin);
-        let label = labels.line(&light.name(), room as f32);
+        let label = captions.line(&light.name(), room as f32);
         let top = origin[1] + height + caption.saturating_sub(label.height) / 2;
         // Premultiplied: ink over paper.
         for y in 0..label.height.min(caption) {

@@ -14,12 +14,12 @@ pub struct Label {
 }
 
 /// Draws lines of one size.
-pub struct Labels {
+pub struct Captions {
     fonts: Fonts,
     size: f32,
 }
 
-impl Labels {
+impl Captions {
     /// Letters of a height in pixels.
     pub fn new(size: f32) -> Self {
         Self {
@@ -69,16 +69,16 @@ mod tests {
 
     #[test]
     fn a_line_is_drawn_and_cut_where_it_does_not_fit() {
-        let mut labels = Labels::new(20.0);
+        let mut captions = Captions::new(20.0);
         let covered = |l: &Label| l.coverage.iter().sum::<f32>();
-        let short = labels.line("noon", 500.0);
+        let short = captions.line("noon", 500.0);
         assert!(covered(&short) > 50.0 && short.width < 100);
         // Twice the words cover twice as much.
-        let twice = labels.line("noonnoon", 500.0);
+        let twice = captions.line("noonnoon", 500.0);
         let ratio = covered(&twice) / covered(&short);
         assert!((1.9..2.1).contains(&ratio), "{ratio}");
-        let cut = labels.line(&"noon ".repeat(50), 100.0);
+        let cut = captions.line(&"noon ".repeat(50), 100.0);
         assert!(cut.width <= 100 && cut.height <= short.height + 1);
-        assert_eq!(labels.line("", 100.0).width, 0);
+        assert_eq!(captions.line("", 100.0).width, 0);
     }
 }
