@@ -78,7 +78,7 @@ impl Project {
         transform.translation += middle - place(transform);
     }
 
-    /// Puts what was added beside the others, unless it is smaller than such a share of them.
+    /// Puts what was added beside the others on their ground, unless it is smaller than such a share of them.
     pub fn find_room(&mut self, at: usize, small: f32) {
         let of = |at: usize| {
             let object = &self.scene.objects[at];
@@ -103,6 +103,7 @@ impl Project {
         let level = (right - right.dot(up.direction()) * up.direction()).normalize_or(right);
         let middle = all.center + level * (all.radius + own.radius);
         self.scene.objects[at].transform.translation += middle - own.center;
+        self.drop_to_ground(at);
     }
 
     /// Makes what was added as large as the others, where it is so much smaller or larger that it must be in other units, and says so: splats

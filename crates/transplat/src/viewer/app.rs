@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
 use eframe::egui;
 use transplat_core::camera::CameraPose;
@@ -73,10 +74,12 @@ pub struct Shown {
 }
 
 /// Fate of exports when the window is to be closed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Quitting {
-    Asks,
-    WhenDone,
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Quitting {
+    /// When the window was to be closed.
+    pub since: Instant,
+    /// True once the exports are awaited; until then the window asks.
+    pub waits: bool,
 }
 
 /// The viewer.

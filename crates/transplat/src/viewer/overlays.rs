@@ -1,6 +1,6 @@
 //! Overlays of the viewport: status, jobs and messages, light probes, sheets.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Color32, Key, Ui};
@@ -507,13 +507,15 @@ impl Viewer {
         let under_way = self.session.jobs.is_awaited(Kind::Export);
         if context.input(|i| i.viewport().close_requested()) && under_way && !self.lost {
             context.send_viewport_cmd(egui::ViewportCommand::CancelClose);
-            self.quitting.get_or_insert(Quitting::Asks);
+            self.quitting.get_or_insert_with(|| Quitting {
+                since: Instant::now(),
+                waits: false,
+            });
         }
-        if self.quitting.is_some() && !under_way {
-            self.quitting = None;
-            // One that failed is to be seen.
-            let failed = self.session.messages.iter().any(|m| m.is_error);
-            if !failed {
+        if let Some(quitting) = self.quitting.take_if(|_| !under_way) {
+            // An export that failed meanwhile is to be seen.
+            let mut messages = self.session.messages.iter();
+            if !messages.any(|m| m.is_error && m.since > quitting.since) {
                 context.send_viewport_cmd(egui::ViewportCommand::Close);
             }
         }
@@ -527,19 +529,19 @@ impl Viewer {
         let of_export = |job: &&Job| job.kind == Kind::Export && !job.is_cancelled();
         let count = self.session.jobs.running().iter().filter(of_export).count();
         let asked = question("quit").show(context, |ui| {
-            ui.label(match quitting {
-                Quitting::Asks if count > 1 => {
-                    tr_format!("{count} exports are not done yet.", count = count)
-                }
-                Quitting::Asks => tr("An export is not done yet.").into(),
-                Quitting::WhenDone => tr("The window closes once all is saved.").into(),
+            ui.label(match count {
+                _ if quitting.waits => tr("The window closes once all is saved.").into(),
+                0 | 1 => tr("An export is not done yet.").into(),
+                count => tr_format!("{count} exports are not done yet.", count = count),
             });
             ui.horizontal(|ui| {
-                let asks = quitting == Quitting::Asks;
                 // It keeps its place: a second click must not meet another button.
-                let waits = ui.add_enabled(asks, egui::Button::new(tr("Quit when they are done")));
-                if waits.clicked() {
-                    self.quitting = Some(Quitting::WhenDone);
+                let label = egui::Button::new(tr("Quit when they are done"));
+                if ui.add_enabled(!quitting.waits, label).clicked() {
+                    self.quitting = Some(Quitting {
+                        waits: true,
+                        ..quitting
+                    });
                 }
                 if ui.button(tr("Stop them and quit")).clicked() {
                     self.session.jobs.cancel(Kind::Export);
