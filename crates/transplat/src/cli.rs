@@ -21,15 +21,15 @@ use transplat_engine::video::FRAME_RATE;
 pub use values::VIEWS;
 use values::*;
 
-/// Relight a captured object: a trained 2D Gaussian splat, the light it was captured in, any other light.
+/// Relight Gaussian splats: a trained splat, the light of its capture, and any other light.
 #[derive(Debug, Parser)]
 #[command(
     disable_version_flag = true,
     args_conflicts_with_subcommands = true,
-    after_help = "Examples:\n  transplat                              the viewer, with the bundled scene\n  transplat knot.ply city.hdr            the viewer, with a splat and a light to relight it by\n  transplat knot.ply --source city.hdr   the same, with the light it was captured under"
+    after_help = "Examples:\n  transplat                              the window, with the bundled scene\n  transplat knot.ply city.hdr            the window, with a splat and a light to relight it by\n  transplat knot.ply --source city.hdr   the same, with the light of its capture"
 )]
 pub struct Cli {
-    /// Print the version, the commit that it was built from, and the graphics adapter that --device gpu takes
+    /// Print version, commit, and the graphics adapter that --device gpu uses
     #[arg(long, short = 'V')]
     pub version: bool,
     #[command(subcommand)]
@@ -38,10 +38,10 @@ pub struct Cli {
     pub view: ViewArgs,
 }
 
-/// Without a command: the viewer.
+/// Arguments without a command: the window.
 #[derive(Debug, Args)]
 pub struct ViewArgs {
-    /// Splats, environments, folders of environments and looks, in any order; the bundled scene with none
+    /// Splats, environments, folders of environments and looks, in any order [default: the bundled scene]
     pub files: Vec<PathBuf>,
     #[command(flatten)]
     pub options: AssetOptions,
@@ -51,50 +51,50 @@ pub struct ViewArgs {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Write the asset as it looks under another light.
+    /// Write a splat under another light.
     #[command(
         after_help = "Example:\n  transplat relight knot.ply --source city.hdr --target sunset.hdr -o relit.ply"
     )]
     Relight(RelightArgs),
-    /// Draw pictures of an asset, as captured or relit.
+    /// Draw images, videos or layers of a splat, as captured or relit.
     #[command(
-        after_help = "Example:\n  transplat render knot.ply --source city.hdr --target sunset.hdr --turntable 8 -o pictures\n\nPictures are named NNN.png by frame, from 000; with several targets in a folder for each. PNG is display-encoded with straight alpha; EXR is linear and premultiplied (and blended in linear light).\n\nA batch:\n  transplat render --batch shots.json --part 1/8 -o pictures\nshots.json: {\"splats\": [\"knot.ply\", {\"asset\": \"vase.ply\", \"source\": \"estimate\"}], \"source\": \"city.hdr\", \"lights\": [\"sunset.hdr\", \"hdris/\"], \"turntable\": 24}, with \"cameras\": FILE instead of a turntable and, where settings are wanted, \"look\": FILE. Paths are relative to it."
+        after_help = "Example:\n  transplat render knot.ply --source city.hdr --target sunset.hdr --turntable 8 -o images\n\nImages are named NNN.png by frame, from 000. Several targets have a folder each. PNG is display-encoded with straight alpha. EXR is linear and premultiplied, and blended in linear light.\n\nA batch:\n  transplat render --batch shots.json --part 1/8 -o images\nshots.json: {\"splats\": [\"knot.ply\", {\"asset\": \"vase.ply\", \"source\": \"estimate\"}], \"source\": \"city.hdr\", \"lights\": [\"sunset.hdr\", \"hdris/\"], \"turntable\": 24}. \"cameras\": FILE may replace the turntable, and \"look\": FILE adds settings. Paths are relative to the file."
     )]
     Render(Box<RenderArgs>),
     /// Write a splat in another format, which the output's name says: .ply, .compressed.ply, .spz, .sog, .splat, .glb.
     #[command(
-        after_help = "Example:\n  transplat convert playbot.ply -o playbot.spz\n\nWhat the format cannot hold is said. SPZ and glTF have +y up: what goes there from another format, or from there to another, is turned to stand upright there."
+        after_help = "Example:\n  transplat convert playbot.ply -o playbot.spz\n\nA warning says what the format cannot hold. SPZ and glTF have +y up: a splat that is converted to or from them is rotated to stand upright."
     )]
     Convert(ConvertArgs),
-    /// Write the asset without its light: its albedo as its colour, for programs that light a splat themselves.
+    /// Write a splat without its light: its albedo as colour, for programs that light splats themselves.
     #[command(
-        after_help = "Examples:\n  transplat delight knot.ply --source city.hdr -o flat.ply\n  transplat delight knot.ply --source estimate --materials -o flat.glb\n\nAn albedo is of SH degree 0, encoded as the capture's colour; other properties of a PLY are not written. With --materials a PLY has the properties nx ny nz, base_color_0 to _2, metallic, roughness, reflectance_0 to _2 and emission_0 to _2, and a GLB the attributes NORMAL, _BASE_COLOR, _METALLIC, _ROUGHNESS, _REFLECTANCE and _EMISSION; colours are linear there, emission in the unit of the capture's pictures."
+        after_help = "Examples:\n  transplat delight knot.ply --source city.hdr -o flat.ply\n  transplat delight knot.ply --source estimate --materials -o flat.glb\n\nThe albedo has SH degree 0 and the encoding of the capture. Other properties of a PLY are not written. With --materials a PLY has the properties nx ny nz, base_color_0 to _2, metallic, roughness, reflectance_0 to _2 and emission_0 to _2, and a GLB the attributes NORMAL, _BASE_COLOR, _METALLIC, _ROUGHNESS, _REFLECTANCE and _EMISSION. Their colours are linear, and emission is in the unit of the capture's images."
     )]
     Delight(DelightArgs),
-    /// Bake an asset's visibility into a file, to be given to the other commands with --bake.
+    /// Save the visibility of a splat, to be used again with --bake.
     #[command(after_help = "Example:\n  transplat bake knot.ply -o knot.bake")]
     Bake(BakeArgs),
-    /// Estimate the light that an asset was captured under, from the asset alone.
+    /// Estimate the light of the capture from the splat alone.
     #[command(
-        after_help = "Example:\n  transplat estimate knot.ply -o light.exr\n\nThe light is an equirectangular map, as --source and other programs take it; --source estimate does the same without a file. How strong the light was and its tint, no object tells: the mean is grey, and the whitest surface has an albedo of 0.65."
+        after_help = "Example:\n  transplat estimate knot.ply -o light.exr\n\nThe light is an equirectangular map for --source and other programs. --source estimate does the same without a file. Strength and tint are assumed: the mean is grey, and the whitest surface has an albedo of 0.65."
     )]
     Estimate(EstimateArgs),
-    /// Take the light at a place in a scene, as the scene's own splat shows it: to relight by, or as the light of what was cut out there.
+    /// Write the light at a place in a scene, as the scene's own splat shows it.
     #[command(
-        after_help = "Examples:\n  transplat probe yard.ply --at 0.1,0.6,0.2 -o light.exr\n  transplat probe scene.json --at vase -o light.exr\n\nThe light is an equirectangular map, as --source and --target take it. A scene that was trained on display-encoded pictures ends at white: what was brighter is clipped, and the command says how much of the light that is."
+        after_help = "Examples:\n  transplat probe yard.ply --at 0.1,0.6,0.2 -o light.exr\n  transplat probe scene.json --at vase -o light.exr\n\nThe light is an equirectangular map for --source and --target. A scene that was trained on display-encoded images is clipped at white, and a warning says how much of the light that is."
     )]
     Probe(ProbeArgs),
-    /// Write lights of one's own, and what is around them, as one environment.
+    /// Write placed lights, and the environment around them, as one environment map.
     #[command(
-        after_help = "Example:\n  transplat light rig.json -o rig.hdr\n\nThe environment is an equirectangular map, as --target and other programs take it. Distant lights are in it as they are; what is near has there the direction and the strength that it has at one place."
+        after_help = "Example:\n  transplat light rig.json -o rig.hdr\n\nThe environment is an equirectangular map for --target and other programs. Distant lights are exact. Near lights have the direction and strength that they have at one place."
     )]
     Light(PanoramaArgs),
-    /// Tell what a splat, environment, bake, look, rig or table of colours holds, and what is odd about it.
+    /// Describe a splat, environment, bake, look, rig or LUT, with warnings.
     #[command(after_help = "Example:\n  transplat info knot.ply")]
     Info(InfoArgs),
-    /// Measure error against run time of all settings, extreme cases, and presets and terms against path-traced truth: a page with plots.
+    /// Measure error against run time, extreme cases, and distance to path-traced truth: a page with plots.
     #[command(
-        after_help = "Examples:\n  transplat report -o report\n  transplat report knot.ply --source city.hdr -o report\n  transplat report --only truth -o report\n  transplat report --only truth --ground-truth truth -o report\n  transplat report --only insertion --ground-truth truth/insert/yard -o report\n\nThe folder of the truth holds MANIFEST.json (sets.SET.objects.OBJECT: source_env, targets), envs/LIGHT.hdr, and for each object SET/OBJECT/source.ply, transforms_test.json and gt/LIGHT/*.exr, a linear, premultiplied picture a camera.\n\nThe part insertion takes the folder of a scene, or one with such folders in its folder insert: scene.ply, scene.json, gt/with_NAME and gt/without, masks/NAME, and, in a folder above, dev/ASSET and envs/LIGHT. It draws every view five ways (pasted, relit by the probe, by the light that arrives, preset paper, preset best) and scores it."
+        after_help = "Examples:\n  transplat report -o report\n  transplat report knot.ply --source city.hdr -o report\n  transplat report --only truth -o report\n  transplat report --only truth --ground-truth truth -o report\n  transplat report --only insertion --ground-truth truth/insert/yard -o report\n\nThe folder of the truth holds MANIFEST.json (sets.SET.objects.OBJECT: source_env, targets), envs/LIGHT.hdr, and for each object SET/OBJECT/source.ply, transforms_test.json and gt/LIGHT/*.exr, one linear, premultiplied image for each camera.\n\nThe part insertion takes the folder of a scene, or one with such folders in its folder insert: scene.ply, scene.json, gt/with_NAME and gt/without, masks/NAME, and, in a folder above, dev/ASSET and envs/LIGHT. It scores every view five ways: pasted, relit by the probe, by the arriving light, preset paper, preset best."
     )]
     Report(ReportArgs),
 }
@@ -104,14 +104,14 @@ pub struct OutputArgs {
     /// Show no progress, no summary and no warnings
     #[arg(long, short)]
     pub quiet: bool,
-    /// Print one JSON object on stdout: timings, memory, what was left out, warnings
+    /// Print one JSON object on stdout: timings, memory, skipped work, warnings
     #[arg(long)]
     pub json: bool,
 }
 
 #[derive(Clone, Debug, Args)]
 pub struct AssetArgs {
-    /// The splat, of 2D surfels or 3D Gaussians: .ply, .spz, .sog (or the folder of its meta.json), .splat, .ksplat, .glb, .gltf; or a look, whose splat and settings are meant
+    /// Splat (.ply, .spz, .sog or the folder of its meta.json, .splat, .ksplat, .glb, .gltf), or a look with its splat and settings
     pub asset: Option<PathBuf>,
     #[command(flatten)]
     pub options: AssetOptions,
@@ -119,65 +119,62 @@ pub struct AssetArgs {
 
 #[derive(Clone, Debug, Args)]
 pub struct AssetOptions {
-    /// The asset's up axis; default: what a comment "Vertical axis: y" in the file says, else +z
+    /// Up axis of the splat [default: by a comment "Vertical axis: y" in the file, else +z]
     #[arg(long, value_name = "+x|-x|+y|-y|+z|-z", value_parser = parse_up, allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
-    /// The asset's colour is linear already
+    /// Take the splat's colour as linear
     #[arg(long)]
     pub linear: bool,
-    /// A place that sees the outside of the asset, in its coordinates; several of them add up. For thin sheets whose front is a guess
+    /// Place that sees the outside of thin sheets, in the splat's coordinates; may be repeated
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
     pub outside_from: Vec<[f64; 3]>,
-    /// Visibility directions of preset paper [default: 128]
+    /// Number of visibility directions of preset paper [default: 128]
     #[arg(long, value_parser = parse_directions)]
     pub directions: Option<usize>,
-    /// Where to compute
+    /// Device that computes
     #[arg(long, value_parser = device_choice(), default_value = "auto")]
     pub device: DeviceChoice,
 }
 
-/// The light that an asset was captured under, and how that is told from its colour.
+/// Light of the capture, and the transfer from it.
 #[derive(Clone, Debug, Default, Args)]
 pub struct CaptureArgs {
-    /// The light the asset was captured under: .hdr, .exr, a picture; where nobody knows it "estimate" (from the asset) or "even"
+    /// Light of the capture: .hdr, .exr, an image, "estimate" (from the splat), or "even" (uniform white)
     #[arg(long, value_name = "ENV|estimate|even")]
     pub source: Option<PathBuf>,
-    /// How the picture of that light is laid out: equirectangular, cube-cross, cube-column, angular-map or mirror-ball [default: as its shape and its empty
-    /// corners tell]
+    /// Layout of that light's image: equirectangular, cube-cross, cube-column, angular-map or mirror-ball [default: by its shape and empty corners]
     #[arg(long, value_name = "LAYOUT", value_parser = parse_named::<Layout>)]
     pub source_layout: Option<Layout>,
-    /// Which layer or part of an OpenEXR file that light is [default: the unnamed one, or the one that is called as the whole image usually is]
+    /// Layer or part of an OpenEXR file that is that light [default: the unnamed one, or Combined, beauty, rgba]
     #[arg(long, value_name = "NAME")]
     pub source_layer: Option<String>,
-    /// Turn the source light about the up axis
+    /// Rotate the capture light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_source: Option<f64>,
-    /// Which mathematics: best sums over directions (the directional method), paper takes products of spherical harmonics (the harmonic
-    /// method) [default: best]
+    /// Method: best (directional, accurate) or paper (harmonic, as in TranSplat) [default: best]
     #[arg(long, value_name = "best|paper", value_parser = parse_named::<Method>)]
     pub preset: Option<Method>,
-    /// Degree of the light used, 0 to 8, where that is an SH series (preset paper) [default: 3]
+    /// SH degree of the light, for preset paper [default: 3]
     #[arg(long, value_name = "0..8", value_parser = clap::value_parser!(u8).range(0..=8))]
     pub sh_degree: Option<u8>,
-    /// Added to the source's irradiance, relative to its mean [default: 0.006; preset paper: 0.05]
+    /// Regularization: added to the capture light's irradiance, relative to its mean [default: 0.006; preset paper: 0.05]
     #[arg(long, value_name = "X", value_parser = parse_epsilon, allow_hyphen_values = true)]
     pub epsilon: Option<f64>,
-    /// From how many times brighter than the asset's whitest surface in the same light on it shines by itself; less finds more lamps, much more
-    /// none (preset best) [default: 1.2]
+    /// Emission threshold: how many times brighter than the whitest surface in the same light a lamp is (preset best) [default: 1.2]
     #[arg(long, value_name = "0.05..100", value_parser = parse_glow)]
     pub glow_above: Option<f64>,
-    /// Switch terms off: shadow; of preset best sums, suns, bounce, two-sided, lobe, residual, glow; of preset paper specular, reflection,
+    /// Terms to switch off: shadow; for preset best sums, suns, bounce, two-sided, lobe, residual, glow; for preset paper specular, reflection,
     /// attenuation
     #[arg(long, value_delimiter = ',', value_name = "TERM,...", hide_possible_values = true,
         value_parser = PossibleValuesParser::new(Terms::ALL.iter().map(|t| t.name)))]
     pub without: Vec<String>,
-    /// Compute also what this scene does not need, which is slower and hardly shows; a bake that is there already is taken as it is
+    /// Switch all optimizations off; a saved bake is used as it is
     #[arg(long)]
     pub compute_all: bool,
     /// Use a saved bake
     #[arg(long, value_name = "FILE")]
     pub bake: Option<PathBuf>,
-    /// All settings from a saved look (JSON); options given beside it win
+    /// Settings of a saved look (JSON); other options win
     #[arg(long, value_name = "FILE")]
     pub look: Option<PathBuf>,
 }
@@ -186,28 +183,28 @@ pub struct CaptureArgs {
 pub struct LightArgs {
     #[command(flatten)]
     pub capture: CaptureArgs,
-    /// The light to relight by: an environment, "even", "sky" (sun and sky), or the asset's own "estimate"; several, or a folder of them, give one output each
+    /// Light to relight by: an environment, "even", "sky" (sun and sky), or "estimate"; several, or a folder, give one output each
     #[arg(long, value_name = "ENV|even|sky|estimate")]
     pub target: Vec<PathBuf>,
-    /// Lights of one's own beside the environment, and the one that the file names: point, spot, directional, rect and disc (README)
+    /// Placed lights and their environment: point, spot, directional, rect and disc
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
-    /// Another light of one's own, as a rig lists them: {"type": "point", "position": [0, 0, 2], "intensity": [5, 5, 5]}; several add up
+    /// One more placed light, as a rig lists them: {"type": "point", "position": [0, 0, 2], "intensity": [5, 5, 5]}; may be repeated
     #[arg(long, value_name = "JSON", value_parser = parse_light)]
     pub light: Vec<Light>,
-    /// How the pictures of these lights are laid out, as --source-layout
+    /// Layout of these lights' images, as --source-layout
     #[arg(long, value_name = "LAYOUT", value_parser = parse_named::<Layout>)]
     pub target_layout: Option<Layout>,
-    /// Which layer or part of an OpenEXR file these lights are, as --source-layer
+    /// Layer or part of an OpenEXR file that is the light, as --source-layer
     #[arg(long, value_name = "NAME")]
     pub layer: Option<String>,
-    /// Turn the target light about the up axis
+    /// Rotate the target light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_target: Option<f64>,
     /// Strength of the target light
     #[arg(long, value_name = "STOPS", value_parser = parse_finite, allow_hyphen_values = true)]
     pub strength_target: Option<f64>,
-    /// Bring the target's mean irradiance to the source's first
+    /// Match the target's mean irradiance to the capture light's first
     #[arg(long)]
     pub match_strength: bool,
 }
@@ -235,8 +232,7 @@ pub struct RelightArgs {
     pub asset: AssetArgs,
     #[command(flatten)]
     pub light: LightArgs,
-    /// The relit splat, in the format that its name says; of a scene of several objects one of all where they stand, or a folder of a splat for each, as it was captured; with
-    /// several targets the folder for them
+    /// Relit splat, in the format of its name; for a scene one splat of all objects, or a folder with one each; a folder for several targets
     #[arg(short, long, value_name = "OUT.ply|spz|sog|...|DIR")]
     pub output: PathBuf,
     #[command(flatten)]
@@ -251,52 +247,52 @@ pub struct RenderArgs {
     pub light: LightArgs,
     #[command(flatten)]
     pub camera: CameraArgs,
-    /// Folder for the pictures, or the one picture's name; a name that ends in .mp4, .webm or .webp makes a film of them (with ffmpeg)
+    /// Folder of images, one image, or a video (.mp4, .webm, .webp; needs ffmpeg)
     #[arg(short, long, value_name = "DIR|FILE")]
     pub output: PathBuf,
-    /// Frames a second of a film, or of --animation
+    /// Frame rate of a video, or of --animation
     #[arg(long, value_name = "N", default_value_t = FRAME_RATE, value_parser = clap::value_parser!(u32).range(1..=240))]
     pub frame_rate: u32,
-    /// Draw the light as it changes over time by the look's keys, a frame for each moment
+    /// Animate the light by the look's keys
     #[arg(long, conflicts_with_all = ["turntable", "cameras", "layers", "batch"])]
     pub animation: bool,
-    /// Picture size; default: the camera file's, else 800x800
+    /// Image size [default: the camera file's, else 800x800]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[usize; 2]>,
-    /// File format; default: by the output's name, else png
+    /// File format [default: by the output's name, else png]
     #[arg(long, value_parser = image_format_parser())]
     pub format: Option<ImageFormat>,
-    /// transparent, black, white, #rrggbb, checker or environment [default: transparent]
+    /// Background: transparent, black, white, #rrggbb, checker or environment [default: transparent]
     #[arg(long, value_parser = parse_background)]
     pub background: Option<Background>,
-    /// A photograph behind the objects, framed by its shorter edge; a folder of them: that of each camera's picture
+    /// Photograph behind the objects, framed by its shorter edge; or a folder with the photographs of the cameras
     #[arg(long, value_name = "PHOTO|DIR", conflicts_with = "background")]
     pub plate: Option<PathBuf>,
-    /// What to show [default: after]
+    /// View or channel [default: after]
     #[arg(long, value_parser = parse_named::<View>, value_name = "after|before|split|side-by-side|difference|diffuse|specular|normals|depth|visibility|albedo|glow|tau|doubts")]
     pub view: Option<View>,
     /// Tone curve [default: srgb]
     #[arg(long, value_parser = parse_named::<ToneMap>, value_name = "srgb|neutral|agx|aces|none")]
     pub tone_map: Option<ToneMap>,
-    /// A table of colours (.cube) to grade the picture by, after the tone curve
+    /// LUT that is applied after the tone curve
     #[arg(long, value_name = "FILE.cube")]
     pub lut: Option<PathBuf>,
-    /// Exposure of the picture
+    /// Exposure of the image
     #[arg(long, value_name = "STOPS", value_parser = parse_finite, allow_hyphen_values = true)]
     pub exposure: Option<f64>,
-    /// Average N x N samples a pixel
+    /// Samples of a pixel along each edge
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub supersample: u8,
-    /// Write each picture as an EXR in layers (plate, each object with its alpha, shadow, depth, normal, id), and the look of it beside it
+    /// Write EXR layers (plate, each object with its alpha, shadow, depth, normal, id), with a look beside them
     #[arg(long)]
     pub layers: bool,
-    /// Only these frames, with their own numbers
+    /// Range of frames to draw; their numbers stay
     #[arg(long, value_name = "A-B", value_parser = parse_frames)]
     pub frames: Option<[usize; 2]>,
-    /// Draw a file of splats, lights and cameras, each with each, into DIR/SPLAT/LIGHT/NNN.png; pictures that are there are left
+    /// Draw all splats of a file under all its lights, into DIR/SPLAT/LIGHT/NNN.png; images that are there stay
     #[arg(long, value_name = "BATCH.json", conflicts_with_all = ["asset", "target", "bake", "frames", "layers", "plate"])]
     pub batch: Option<PathBuf>,
-    /// Only this part of a batch, from 1: how several machines share one
+    /// Part of a batch, from 1, for several machines
     #[arg(long, value_name = "K/N", requires = "batch", value_parser = parse_part)]
     pub part: Option<[usize; 2]>,
     #[command(flatten)]
@@ -305,22 +301,22 @@ pub struct RenderArgs {
 
 #[derive(Clone, Debug, Args)]
 pub struct CameraArgs {
-    /// Cameras of a transforms.json, or of a COLMAP model by its folder
+    /// Cameras: transforms.json, cameras.json, or the folder of a COLMAP model
     #[arg(long, value_name = "CAMERAS|DIR", conflicts_with_all = ["turntable", "eye"])]
     pub cameras: Option<PathBuf>,
-    /// N views around the object
+    /// Number of views around the object
     #[arg(long, value_name = "N", conflicts_with = "eye", value_parser = parse_views)]
     pub turntable: Option<u32>,
-    /// One camera here, in the asset's coordinates
+    /// Position of one camera, in the splat's coordinates
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
     pub eye: Option<[f64; 3]>,
-    /// What that camera looks at; default: the object's centre
+    /// Target of that camera [default: the object's centre]
     #[arg(long, value_name = "X,Y,Z", requires = "eye", value_parser = parse_point, allow_hyphen_values = true)]
     pub look_at: Option<[f64; 3]>,
-    /// Radius of the lens as a share of the distance to what is looked at, which stays sharp: what is nearer or farther is blurred
+    /// Lens radius as a share of the focus distance, for depth of field
     #[arg(long, value_name = "0..0.2", value_parser = parse_aperture)]
     pub aperture: Option<f64>,
-    /// Horizontal field of view, where no --cameras have one [default: 40, or the look's]
+    /// Horizontal field of view [default: 40, or the look's]
     #[arg(long, value_name = "DEG", conflicts_with = "cameras", value_parser = parse_fov)]
     pub fov: Option<f64>,
 }
@@ -342,12 +338,12 @@ fn image_format_parser() -> impl TypedValueParser<Value = ImageFormat> {
 
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// The splat
+    /// Splat
     pub asset: PathBuf,
-    /// The splat in another format
+    /// Splat in another format
     #[arg(short, long, value_name = "OUT.ply|spz|sog|...")]
     pub output: PathBuf,
-    /// Its up axis, where the file does not say it
+    /// Up axis of the splat, where the file has none
     #[arg(long, value_name = "+x|-x|+y|-y|+z|-z", value_parser = parse_up, allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
     #[command(flatten)]
@@ -360,16 +356,16 @@ pub struct DelightArgs {
     pub asset: AssetArgs,
     #[command(flatten)]
     pub capture: CaptureArgs,
-    /// What the splat's colour becomes: its albedo, or what it looks like under light from everywhere, hollows darker
+    /// Colour that is written: the albedo, or the colour under a uniform white environment
     #[arg(long = "as", value_parser = delit_as(), default_value = "albedo")]
     pub delit_as: DelitAs,
-    /// Albedo of the whitest surface [default: as light and pictures tell it, or 0.65 where that is not plausible]
+    /// Albedo of the whitest surface [default: from light and images, or 0.65 where that is not plausible]
     #[arg(long, value_name = "0.02..1", value_parser = parse_albedo)]
     pub whitest: Option<f64>,
-    /// Write with each splat what it is made of: normal, base_color, metallic, roughness, reflectance, emission (.ply, .glb)
+    /// Write the material of each Gaussian: normal, base_color, metallic, roughness, reflectance, emission (.ply, .glb)
     #[arg(long)]
     pub materials: bool,
-    /// The splat without its light, in the format that its name says
+    /// Splat without its light, in the format of its name
     #[arg(short, long, value_name = "FLAT.ply|spz|sog|...")]
     pub output: PathBuf,
     #[command(flatten)]
@@ -380,10 +376,10 @@ pub struct DelightArgs {
 pub struct BakeArgs {
     #[command(flatten)]
     pub asset: AssetArgs,
-    /// The preset that it is for: each bakes in its own way [default: best]
+    /// Preset that the bake is for [default: best]
     #[arg(long, value_name = "best|paper", value_parser = parse_named::<Method>)]
     pub preset: Option<Method>,
-    /// The bake
+    /// Bake file
     #[arg(short, long, value_name = "OUT.bake")]
     pub output: PathBuf,
     #[command(flatten)]
@@ -394,10 +390,10 @@ pub struct BakeArgs {
 pub struct EstimateArgs {
     #[command(flatten)]
     pub asset: AssetArgs,
-    /// Use a saved bake (of preset best)
+    /// Use a saved bake of preset best
     #[arg(long, value_name = "FILE")]
     pub bake: Option<PathBuf>,
-    /// The light
+    /// Light map
     #[arg(short, long, value_name = "LIGHT.exr")]
     pub output: PathBuf,
     #[command(flatten)]
@@ -408,7 +404,7 @@ pub struct EstimateArgs {
 pub struct ProbeArgs {
     #[command(flatten)]
     pub asset: AssetArgs,
-    /// Where: a place in the scene's coordinates, or the name of an object, which is left out then; several give a file each
+    /// Place in the scene's coordinates, or the name of an object, which is left out; several give a file each
     #[arg(
         long,
         required = true,
@@ -416,22 +412,22 @@ pub struct ProbeArgs {
         allow_hyphen_values = true
     )]
     pub at: Vec<String>,
-    /// Leave out this object of the scene
+    /// Object of the scene that is left out
     #[arg(long, value_name = "NAME")]
     pub without: Vec<String>,
-    /// What shines where the scene is open [default: the light of its capture, where the scene names it]
+    /// Light where the scene is open [default: the light of its capture]
     #[arg(long, value_name = "ENV|estimate|even")]
     pub environment: Option<PathBuf>,
-    /// How much brighter it was where the scene is clipped at white
+    /// Stops that clipped white was brighter
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = parse_gain)]
     pub clipped_gain: f64,
-    /// Where the scene is clipped at white, take a light like this one, brought to the strength of what is not clipped
+    /// Environment for what is clipped at white, matched in strength to the rest
     #[arg(long, value_name = "ENV|estimate")]
     pub clipped_like: Option<PathBuf>,
-    /// Rows of the map, half of its columns
+    /// Rows of the map; it has twice as many columns
     #[arg(long, value_name = "N", default_value_t = DEFAULT_ROWS, value_parser = parse_rows)]
     pub rows: usize,
-    /// The light; of several places the folder for them
+    /// Light map, or a folder for several places
     #[arg(short, long, value_name = "LIGHT.exr|DIR")]
     pub output: PathBuf,
     #[command(flatten)]
@@ -440,21 +436,21 @@ pub struct ProbeArgs {
 
 #[derive(Debug, Args)]
 pub struct PanoramaArgs {
-    /// The lights: a rig, or a look, whose lights and environment are meant
+    /// Rig, or look with lights and environment
     #[arg(value_name = "RIG|LOOK")]
     pub rig: PathBuf,
-    /// What is around them [default: what the rig or the look names]
+    /// Environment around the lights [default: that of the rig or look]
     #[arg(long, value_name = "ENV|even|sky")]
     pub target: Option<PathBuf>,
-    /// Where they are seen from, in the world's coordinates, z up [default: the middle of a look's splats, or 0,0,0]
+    /// Place that they are seen from, in world coordinates, z up [default: the middle of a look's splats, or 0,0,0]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
     pub at: Option<[f32; 3]>,
-    /// Columns of the map, twice its rows
+    /// Columns of the map; it has half as many rows
     #[arg(long, value_name = "N", default_value_t = 2048, value_parser = parse_columns)]
     pub columns: usize,
     #[command(flatten)]
     pub options: AssetOptions,
-    /// The environment
+    /// Environment map
     #[arg(short, long, value_name = "LIGHT.hdr|exr")]
     pub output: PathBuf,
     #[command(flatten)]
@@ -463,53 +459,53 @@ pub struct PanoramaArgs {
 
 #[derive(Debug, Args)]
 pub struct ReportArgs {
-    /// The splat to report on, with --source; default: the bundled scene, with its path-traced truth
+    /// Splat to measure, with --source [default: the bundled scene, with its path-traced truth]
     pub asset: Option<PathBuf>,
     #[command(flatten)]
     pub options: AssetOptions,
-    /// The light it was captured under
+    /// Light of the capture
     #[arg(long, value_name = "ENV|estimate|even", requires = "asset")]
     pub source: Option<PathBuf>,
-    /// The light to relight it by [default: the bundled sunset]
+    /// Light to relight by [default: the bundled sunset]
     #[arg(long, value_name = "ENV", requires = "asset")]
     pub target: Option<PathBuf>,
-    /// Also compare presets and terms with these objects' true pictures [of --only truth the default: the two bundled splats]
+    /// Folder of path-traced truth to compare presets and terms with [with --only truth: the two bundled splats]
     #[arg(long, value_name = "DIR")]
     pub ground_truth: Option<PathBuf>,
-    /// Only these objects
+    /// Objects to compare
     #[arg(long, value_delimiter = ',', value_name = "NAME,...")]
     pub objects: Vec<String>,
-    /// Only the extreme cases
+    /// Measure the extreme cases alone
     #[arg(long, conflicts_with = "only")]
     pub extremes: bool,
-    /// Only these parts
+    /// Parts to measure
     #[arg(long, value_enum, value_delimiter = ',', value_name = "PART,...")]
     pub only: Vec<ReportPart>,
-    /// Fewer settings, bakes and repeats; of the part truth only the presets as they are, without switching terms off
+    /// Measure fewer settings, bakes and repeats, and no single terms
     #[arg(long)]
     pub quick: bool,
-    /// Also without being told the light of the capture: estimated, and even, as it comes and with its strength fitted
+    /// Compare also with the capture light unknown: estimated, and uniform white
     #[arg(long)]
     pub unknown_light: bool,
-    /// The folder for the page, the tables and pictures
+    /// Folder for page, tables and images
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
     #[command(flatten)]
     pub out: OutputArgs,
 }
 
-/// What a report consists of.
+/// Part of a report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ReportPart {
     /// Error against run time of all settings
     Time,
-    /// Stiff and extreme cases, and what epsilon does
+    /// Stiff and extreme cases, and the effect of epsilon
     Extremes,
-    /// What the scene does not need, and what leaving it out saves
+    /// Skipped work, and what it saves
     Skipped,
-    /// Presets and terms against true pictures
+    /// Presets and terms against path-traced truth
     Truth,
-    /// Objects put into captured scenes, against true pictures (--ground-truth)
+    /// Objects put into captured scenes, against path-traced truth (--ground-truth)
     Insertion,
 }
 
@@ -547,12 +543,12 @@ impl ReportArgs {
 
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// A splat, environment, bake, look, rig, file of cameras or table of colours
+    /// Splat, environment, bake, look, rig, file of cameras or LUT
     pub file: PathBuf,
-    /// Of a splat, what it tells of the light it was captured under (takes as long as a bake)
+    /// Estimate the light of the capture (takes as long as a bake)
     #[arg(long)]
     pub estimate_light: bool,
-    /// Of an OpenEXR image with several layers or parts, the one that is read
+    /// Layer or part of an OpenEXR image to read
     #[arg(long, value_name = "NAME")]
     pub layer: Option<String>,
     #[command(flatten)]
@@ -579,7 +575,7 @@ impl Usage {
     }
 }
 
-/// What is wrong with the command line, as an error.
+/// Error of a command line that is wrong.
 pub fn usage<T>(message: &str) -> anyhow::Result<T> {
     Err(Usage(message.to_owned()).into())
 }

@@ -26,7 +26,7 @@ const TUPLE_PARAMETERS: usize = 54;
 const SHARED_NAMES: usize = 2;
 
 /// Doc comments whose first line does not stand alone.
-const DEPENDENT_DOCS: usize = 16;
+const DEPENDENT_DOCS: usize = 0;
 
 /// Modules that reach themselves, where the call of a method counts as a use of the type's module.
 const MODULES_IN_RINGS: usize = 25;
