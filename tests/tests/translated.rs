@@ -204,7 +204,7 @@ fn all_is_said_in_the_language() {
         d.click(&format!("«{page}»"));
         check(&d, page);
     }
-    d.click("«lights»");
+    d.click("«Placed lights»");
     for kind in LightKind::ALL {
         d.after(|v| v.session.add_light(kind));
         check(&d, &format!("lights, {kind:?}"));

@@ -351,7 +351,7 @@ fn brightest(light_samples: &LightSamples) -> Option<Vec3> {
 /// A light's name for the user.
 pub fn light_name(path: &Path) -> String {
     if is_even(path) {
-        return tr("even light").into();
+        return tr("uniform white").into();
     }
     if is_estimate(path) {
         return tr("estimated from the object").into();

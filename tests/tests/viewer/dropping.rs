@@ -68,7 +68,7 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     let session = &d.viewer().session;
     assert!(session.source_is_assumed() && session.canvas.live().has_relit(0));
     assert_eq!(session.light(1).name(), "sunset", "the target stays");
-    d.harness.get_by_label("captured under: not known");
+    d.harness.get_by_label("Capture light: unknown");
     d.viewer().session.object_mut().up = Some(UpAxis::MinusY);
     d.picture();
     assert_eq!(d.viewer().session.up(), UpAxis::MinusY);
@@ -122,7 +122,7 @@ fn drop_files(d: &mut Driver, files: &[&PathBuf], at: egui::Pos2) {
 #[test]
 fn a_light_dropped_on_a_slot_is_that_slots_light() {
     let mut d = Driver::bundled();
-    for (side, slot) in [(0, "captured under: city"), (1, "relit by: sunset")] {
+    for (side, slot) in [(0, "Capture light: city"), (1, "New light: sunset")] {
         let at = d.harness.get_by_label(slot).rect().center();
         let light = drop_light(&mut d, if side == 0 { "a.hdr" } else { "b.hdr" }, at);
         assert_eq!(d.viewer().session.light(side).path, light);
@@ -141,7 +141,7 @@ fn a_light_dropped_with_its_splat_is_that_splats() {
         let (splat, light) = (d.folder.path("own.ply"), d.folder.path("own.hdr"));
         fs::copy(asset("teapot.ply"), &splat).expect("room for it");
         fs::copy(asset("interior.hdr"), &light).expect("room for it");
-        let slot = d.harness.get_by_label("captured under: city");
+        let slot = d.harness.get_by_label("Capture light: city");
         let at = slot.rect().center();
         let files = match light_first {
             true => [&light, &splat],

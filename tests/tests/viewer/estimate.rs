@@ -30,7 +30,7 @@ fn the_light_is_estimated_where_nobody_tells_it() {
     open_own(&mut d);
     d.settle();
     d.harness
-        .get_by_label("captured under: estimated from the object");
+        .get_by_label("Capture light: estimated from the object");
     let session = &d.viewer().session;
     let estimate = session.estimate().cloned().expect("it was asked");
     assert!(estimate.is_good() && estimate.confidence > 0.9);
@@ -61,7 +61,7 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     let mut d = Driver::bundled();
     let few = d.folder.write("few.ply", small_splat(30));
     d.after(|v| v.open(Path::new(&few)));
-    d.harness.get_by_label("captured under: not known");
+    d.harness.get_by_label("Capture light: unknown");
     let session = &d.viewer().session;
     assert!(session.source_is_assumed() && session.estimate().is_some_and(|e| !e.is_good()));
     assert_eq!(session.oriented_lights()[0].light.trust, STAND_IN_TRUST);
@@ -103,7 +103,7 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
     let start = Instant::now();
     let is_baked_for = |d: &mut Driver| {
         let mut jobs = d.viewer().session.running_jobs();
-        jobs.any(|j| j.label.contains("what tells the light"))
+        jobs.any(|j| j.label.contains("the capture light"))
     };
     while !is_baked_for(&mut d) {
         d.harness.step();

@@ -152,7 +152,7 @@ fn a_light_is_turned_by_its_map_and_by_a_ball() {
     let mut d = Driver::bundled();
     let (a, none) = (PointerButton::Primary, Modifiers::NONE);
     let map = d.harness.get_by_label("Map of the light").rect();
-    let ball = d.harness.get_by_label("Mirror ball relit by").rect();
+    let ball = d.harness.get_by_label("Mirror ball New light").rect();
     let turned = |d: &mut Driver, from: Pos2, by: egui::Vec2| {
         let (middle, to) = (from + 0.3 * by, from + by);
         for events in [

@@ -103,7 +103,7 @@ fn a_light_is_added_placed_and_undone() {
     d.after(|v| v.session.project.scene.background = Background::Color([0.1; 3]));
     let before = d.picture();
     d.click("Light");
-    d.click("lights");
+    d.click("Placed lights");
     d.click("Add a light");
     d.click("spot light");
     assert_eq!(d.viewer().session.project.scene.lights.len(), 1);
@@ -161,7 +161,7 @@ fn a_light_is_added_placed_and_undone() {
 fn a_light_is_pulled_by_its_handle() {
     let mut d = Driver::bundled();
     d.click("Light");
-    d.click("lights");
+    d.click("Placed lights");
     d.after(|v| v.session.add_light(LightKind::Rect));
     // In view: behind the object, to its right.
     d.after(|v| {
@@ -469,7 +469,7 @@ fn walk(folder: &Path) -> Vec<PathBuf> {
 fn a_sun_is_placed_by_its_shadow() {
     let mut d = Driver::bundled();
     d.click("Light");
-    d.click("lights");
+    d.click("Placed lights");
     d.after(|v| v.session.add_light(LightKind::Directional));
     d.click("By shadow");
     let at = middle(&d);

@@ -385,7 +385,7 @@ fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
     let bakes = |d: &mut Driver| d.viewer().session.project.stages.bake;
     let before = bakes(&mut d);
     d.click("Asset");
-    d.click("This side is out");
+    d.click("Use this side as outside");
     let session = &d.viewer().session;
     let told = session.object().outside_from.clone();
     assert_eq!(told.len(), 1);
@@ -432,7 +432,7 @@ fn the_work_of_last_time_comes_back() {
     let mut d = Driver::open(started(&[&splat]), Folder::empty());
     assert!(d.viewer().session.project.scene.environment.rotation == 0.0 && !work.exists());
     d.click("File");
-    d.click("Work before this");
+    d.click("Restore last session");
     d.settle();
     assert!((d.viewer().session.project.scene.environment.rotation - 70.0).abs() < 1e-6);
     d.viewer().keep_work();

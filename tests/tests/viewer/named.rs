@@ -77,15 +77,15 @@ fn every_control_has_a_name() {
     }
     d.click("Lights");
     d.click("Light");
-    choose_side(&mut d, "captured under");
-    check(&d, "captured under");
-    d.click("lights");
+    choose_side(&mut d, "Capture light");
+    check(&d, "Capture light");
+    d.click("Placed lights");
     for kind in LightKind::ALL {
         d.after(|v| v.session.add_light(kind));
         check(&d, &format!("lights, {kind:?}"));
     }
     d.after(|v| v.session.set_light(1, SKY.into()));
-    choose_side(&mut d, "relit by");
+    choose_side(&mut d, "New light");
     for sun in [Sky::default().sun, Sun::SOMEWHERE] {
         let sky = Sky {
             sun,

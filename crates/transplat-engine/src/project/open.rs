@@ -303,7 +303,7 @@ impl Project {
         }
         if object.source.file.as_deref().is_some_and(is_even) {
             self.info(tr_format!(
-                "what it was captured under is not known: even light is assumed. {drop_it}",
+                "The capture light is unknown, and uniform white is assumed. {drop_it}",
                 drop_it = tr(DROP_IT)
             ));
         }
@@ -378,7 +378,7 @@ impl Project {
             return;
         };
         let [new, last] = [path, &last].map(|p| p.file_name().unwrap_or_default().display());
-        self.info(tr_format!("{new} took the place of {last}, the selected object; undo brings that back, and \"Add what is opened\" (panel Asset) puts splats beside the others", new = new, last = last));
+        self.info(tr_format!("{new} took the place of {last}, the selected object; undo brings that back, and \"Add to scene\" (panel Asset) puts splats beside the others", new = new, last = last));
     }
 
     /// Points the camera at what was opened, where nobody has pointed it elsewhere.

@@ -120,7 +120,7 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
         };
         let mut entries: Vec<_> = LowConfidence::ALL.iter().zip(shares).map(entry).collect();
         if view == View::Confidence {
-            entries.push((encoded(NO_DOUBT), tr("nothing doubtful").into()));
+            entries.push((encoded(NO_DOUBT), tr("high confidence").into()));
         }
         return entries;
     }

@@ -177,7 +177,7 @@ impl Thumbnails {
         }
         if add(
             ui,
-            tr("Keep this look"),
+            tr("Keep look"),
             tr("Keeps light and look as they are. (P also compares what comes next with it.)"),
         ) {
             session.project.keep_look();
@@ -214,7 +214,7 @@ impl Thumbnails {
         }
         if add(
             ui,
-            tr("Keep this view"),
+            tr("Keep view"),
             tr("Keeps where it is seen from. (ctrl + B)"),
         ) {
             session.keep_view();
@@ -343,7 +343,7 @@ impl Card {
                         ui.close();
                     }
                 });
-                if self.compares && entry(ui, tr("Compare with it")) {
+                if self.compares && entry(ui, tr("Compare")) {
                     wish = Some(Wish::Compare);
                 }
                 for (name, what) in [

@@ -36,7 +36,7 @@ pub fn start(
         .count();
     if waiting > 0 && matches!(task, Task::EachLight | Task::ContactSheet) {
         session.info(tr_format!(
-            "{waiting} lights of the shelf are still being read and are left out",
+            "{waiting} lights of the library are still being read, and are skipped",
             waiting = waiting
         ));
     }

@@ -52,7 +52,7 @@ impl PathField {
             None => vec![
                 (tr("Open"), None),
                 (tr("Save look"), Some(SaveKind::Look)),
-                (tr("Save picture"), Some(SaveKind::Screenshot)),
+                (tr("Save image"), Some(SaveKind::Screenshot)),
                 (tr("Export splat"), Some(SaveKind::Splat)),
                 (tr("Export delit"), Some(SaveKind::Delit)),
             ],
@@ -74,16 +74,16 @@ impl PathField {
                 vec![(tr("Export delit"), Some(SaveKind::Delit))]
             }
             Some(Dialog::Save(SaveKind::Screenshot, _)) => {
-                vec![(tr("Save picture"), Some(SaveKind::Screenshot))]
+                vec![(tr("Save image"), Some(SaveKind::Screenshot))]
             }
             Some(Dialog::Save(SaveKind::Folder, _)) => {
-                vec![(tr("Save pictures there"), Some(SaveKind::Folder))]
+                vec![(tr("Save images there"), Some(SaveKind::Folder))]
             }
             Some(Dialog::Save(SaveKind::Backplate, _)) => {
-                vec![(tr("Show behind the objects"), Some(SaveKind::Backplate))]
+                vec![(tr("Use as backplate"), Some(SaveKind::Backplate))]
             }
             Some(Dialog::Save(SaveKind::Lut, _)) => {
-                vec![(tr("Apply the table"), Some(SaveKind::Lut))]
+                vec![(tr("Apply LUT"), Some(SaveKind::Lut))]
             }
         }
     }
@@ -145,7 +145,7 @@ fn show(dialog: Dialog) -> Option<Event> {
             )
             .add_filter(tr("Splats"), &[&SPLAT_ENDINGS[..], &["json"]].concat())
             .add_filter(tr("Environments"), &ENVIRONMENTS)
-            .add_filter(tr("Tables of colours"), &["cube"])
+            .add_filter(tr("LUTs"), &["cube"])
             .add_filter(tr("Looks and cameras"), &["json", "bin", "txt"])
             .pick_files()
             .map(Event::Files),
@@ -154,7 +154,7 @@ fn show(dialog: Dialog) -> Option<Event> {
             .pick_folder()
             .map(|folder| Event::Files(vec![folder])),
         Dialog::Save(SaveKind::Folder, _) => rfd::FileDialog::new()
-            .set_title(tr("Folder for pictures"))
+            .set_title(tr("Folder for images"))
             .pick_folder()
             .map(|folder| Event::SaveTo(folder, SaveKind::Folder)),
         Dialog::Save(SaveKind::Backplate, _) => rfd::FileDialog::new()
@@ -168,8 +168,8 @@ fn show(dialog: Dialog) -> Option<Event> {
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::OpenRig)),
         Dialog::Save(SaveKind::Lut, _) => rfd::FileDialog::new()
-            .set_title(tr("Table of colours"))
-            .add_filter(tr("Tables of colours"), &["cube"])
+            .set_title(tr("LUT"))
+            .add_filter(tr("LUTs"), &["cube"])
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::Lut)),
         Dialog::Save(kind, name) => {
@@ -183,7 +183,7 @@ fn show(dialog: Dialog) -> Option<Event> {
                 ),
                 SaveKind::Splat => (tr("Export relit splat"), tr("Splat"), &SPLATS),
                 SaveKind::Delit => (tr("Export delit"), tr("Splat"), &SPLATS),
-                _ => (tr("Save picture"), tr("Picture"), &["png", "exr"]),
+                _ => (tr("Save image"), tr("Image"), &["png", "exr"]),
             };
             rfd::FileDialog::new()
                 .set_title(title)

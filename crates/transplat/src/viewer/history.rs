@@ -186,24 +186,24 @@ const WORDS: [(&str, &str); 51] = [
     ("background_blur", tr_later("blur")),
     ("bookmarks", tr_later("kept views")),
     ("camera", tr_later("where it is seen from")),
-    ("cut", tr_later("what is cut out")),
+    ("cut", tr_later("cuts")),
     ("difference_scale", tr_later("scale of the difference")),
     ("directions", tr_later("directions")),
     ("display/exposure", tr_later("exposure")),
     ("display/tone_map", tr_later("tone mapping")),
     ("false_color", tr_later("false colours")),
-    ("hide", tr_later("what is hidden")),
-    ("lights", tr_later("lights of your own")),
+    ("hide", tr_later("filters")),
+    ("lights", tr_later("placed lights")),
     ("linear", tr_later("colour is linear")),
-    ("lut", tr_later("colour table")),
-    ("match_strength", tr_later("match strength")),
+    ("lut", tr_later("LUT")),
+    ("match_strength", tr_later("match exposure")),
     ("note", tr_later("note")),
     ("objects", tr_later("objects")),
-    ("outside_from", tr_later("what is outside")),
+    ("outside_from", tr_later("outside")),
     ("plate", tr_later("photograph")),
     ("shadow_catcher", tr_later("shadow on the ground")),
     ("source", tr_later("light of the capture")),
-    ("source/file", tr_later("captured under")),
+    ("source/file", tr_later("capture light")),
     ("source/layout", tr_later("layout of the capture's light")),
     ("source/layer", tr_later("layer of the capture's light")),
     ("source/mirror", tr_later("light of the capture mirrored")),
@@ -216,7 +216,7 @@ const WORDS: [(&str, &str); 51] = [
     ("source/tint", tr_later("tint of the capture's light")),
     ("source/up", tr_later("up in the capture's light")),
     ("target", tr_later("light")),
-    ("target/file", tr_later("relit by")),
+    ("target/file", tr_later("new light")),
     ("target/layout", tr_later("layout of the light")),
     ("target/layer", tr_later("layer of the light")),
     ("target/mirror", tr_later("light mirrored")),
@@ -226,7 +226,7 @@ const WORDS: [(&str, &str); 51] = [
     ("target/tilt", tr_later("light tilted")),
     ("target/tint", tr_later("tint of the light")),
     ("target/up", tr_later("up in the light")),
-    ("target/without_suns", tr_later("sun taken out")),
+    ("target/without_suns", tr_later("sun converted to light")),
     ("transfer", tr_later("how it is relit")),
     ("transfer/preset", tr_later("preset")),
     ("transfer/terms", tr_later("terms")),
@@ -297,7 +297,7 @@ fn changed_lights(before: &[Light], after: &[Light]) -> Vec<String> {
         return vec![tr_format!("{name}: removed", name = name)];
     }
     if before.len() != after.len() {
-        return vec![tr("lights of your own").into()];
+        return vec![tr("placed lights").into()];
     }
     let pairs = before.iter().zip(after).filter(|(a, b)| a != b);
     pairs
@@ -501,7 +501,7 @@ mod tests {
             ..EnvironmentLight::of("a/sunset.hdr")
         };
         let what = changes(&before, &after);
-        assert_eq!(what, "relit by sunset, light turned 30");
+        assert_eq!(what, "new light sunset, light turned 30");
         after.transfer.terms.shadow = false;
         assert!(changes(&before, &after).ends_with(", …"));
         let mut moved = before.clone();
@@ -526,7 +526,7 @@ mod tests {
             (one(&|l| l.source.put(-DVec3::X, DVec3::ZERO)), "key: moved"),
             (both[..1].to_vec(), "key: removed"),
             (both[1..].to_vec(), "spot light: removed"),
-            (Vec::new(), "lights of your own"),
+            (Vec::new(), "placed lights"),
         ] {
             assert_eq!(changes(&lit(both.clone()), &lit(lights)), said);
         }

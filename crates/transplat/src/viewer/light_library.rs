@@ -90,9 +90,9 @@ impl LightLibrary {
             self.slot(ui, session, SOURCE);
             ui.vertical(|ui| {
                 ui.add_space(26.0);
-                let swap = ui.button(tr("swap")).on_hover_text(
-                    tr("Swap the two lights with their turns and strengths: relights by what it was captured under. (X)"),
-                );
+                let swap = ui
+                    .button(tr("swap"))
+                    .on_hover_text(tr("Swaps new light and capture light. (X)"));
                 named(&swap, egui::Role::Button, tr("Swap lights"));
                 if swap.clicked() {
                     session.swap_lights();
@@ -194,8 +194,8 @@ impl LightLibrary {
                     tr("being estimated").to_owned()
                 } else {
                     match is_even(&light.path) {
-                        true => tr("even light (assumed)").to_owned(),
-                        false => tr("not known").to_owned(),
+                        true => tr("uniform white (assumed)").to_owned(),
+                        false => tr("unknown").to_owned(),
                     }
                 }
             } else {
@@ -209,22 +209,22 @@ impl LightLibrary {
             }
             ui.add(egui::Label::new(egui::RichText::new(&name).small()).truncate());
             let tip = if side == SOURCE {
-                tr("The light that the splat was captured under. Drop an environment here, or drag one from the shelf. A wrong one makes a wrong relight.")
+                tr("Light of the capture. Drop an environment here, or drag one from the library. A wrong one makes a wrong relight.")
             } else {
-                tr("The light that the splat is relit by. Drop an environment here, or click one on the shelf.")
+                tr("Light to relight by. Drop an environment here, or click one in the library.")
             };
             let response = response.on_hover_text(format!("{name}\n\n{tip}"));
             if let Some(dragged) = response.dnd_release_payload::<Dragged>() {
                 session.set_light(side, dragged.0.clone());
             }
             response.context_menu(|ui| {
-                if entry(ui, tr("Even light")) {
+                if entry(ui, tr("Uniform white")) {
                     session.set_light(side, transplat_core::scene::EVEN.into());
                 }
-                if side == SOURCE && entry(ui, tr("Estimate it from the object")) {
+                if side == SOURCE && entry(ui, tr("Estimate from the object")) {
                     session.ask_for_estimate();
                 }
-                if light.is_file() && entry(ui, tr("Put on the shelf")) {
+                if light.is_file() && entry(ui, tr("Add to library")) {
                     self.add(session, &light.path);
                 }
             });
@@ -278,10 +278,10 @@ impl LightLibrary {
                 session.set_light(TARGET, path.clone());
             }
             response.context_menu(|ui| {
-                if entry(ui, tr("Relight by it")) {
+                if entry(ui, tr("Use as new light")) {
                     session.set_light(TARGET, path.clone());
                 }
-                if entry(ui, tr("Captured under it")) {
+                if entry(ui, tr("Use as capture light")) {
                     session.set_light(SOURCE, path.clone());
                 }
                 if index > 0 && entry(ui, tr("Move left")) {
@@ -290,7 +290,7 @@ impl LightLibrary {
                 if index + 1 < self.paths.len() && entry(ui, tr("Move right")) {
                     self.paths.swap(index, index + 1);
                 }
-                removed |= entry(ui, tr("Remove from the shelf"));
+                removed |= entry(ui, tr("Remove from library"));
             });
         });
         if removed {

@@ -104,7 +104,7 @@ impl Session {
             }
             Ok(extremes::in_words(&outcomes))
         };
-        let label = tr("trying the extreme cases");
+        let label = tr("running the extreme cases");
         self.start(Kind::Extremes, label, work, |session, words| {
             session.extremes = words;
         });

@@ -88,7 +88,7 @@ impl Viewer {
         });
         let before = self.work_aside().filter(|path| path.is_file());
         if let Some(path) = before
-            && entry(ui, tr("Work before this"))
+            && entry(ui, tr("Restore last session"))
         {
             self.open(&path);
         }
@@ -104,12 +104,12 @@ impl Viewer {
         for (name, action) in [
             (tr("Save look…"), Action::SaveLook),
             (tr("Export relit splat…"), Action::ExportSplat),
-            (tr("Save picture"), Action::Screenshot),
-            (tr("Copy picture"), Action::Copy),
+            (tr("Save image"), Action::Screenshot),
+            (tr("Copy image"), Action::Copy),
         ] {
             self.item(ui, name, action, true);
         }
-        if entry(ui, tr("Save picture as…")) {
+        if entry(ui, tr("Save image as…")) {
             let extension = self.preferences.export.format.extension();
             let name = format!("{}.{extension}", self.asset_name());
             ask(&mut self.session, Dialog::Save(SaveKind::Screenshot, name));
@@ -232,10 +232,7 @@ impl Viewer {
         ui.checkbox(&mut self.preferences.probes, tr("Light probes"));
         ui.checkbox(&mut self.timeline.is_shown, tr("Timeline"));
         ui.checkbox(&mut self.session.overlays.grid, tr("Grid"));
-        ui.checkbox(
-            &mut self.session.overlays.marks,
-            tr("Mark doubtful surfels"),
-        );
+        ui.checkbox(&mut self.session.overlays.marks, tr("Mark low confidence"));
     }
 
     pub(super) fn compare_bar(&mut self, ui: &mut Ui) {
@@ -336,7 +333,7 @@ const CHANNELS: [(&str, View, &str); 9] = [
     (
         tr_later("Normals"),
         View::Normals,
-        tr_later("Where surfels face: red is X, green Y, blue Z."),
+        tr_later("Normals: red is X, green Y, blue Z."),
     ),
     (
         tr_later("Depth"),
@@ -346,31 +343,29 @@ const CHANNELS: [(&str, View, &str); 9] = [
     (
         tr_later("Visibility"),
         View::Visibility,
-        tr_later("How open each surfel is: black is in a hollow."),
+        tr_later("Ambient occlusion: black is in a hollow."),
     ),
     (
         tr_later("Albedo"),
         View::Albedo,
-        tr_later(
-            "What it is made of, without light: the share that each surfel scatters, or mirrors where it is metal.",
-        ),
+        tr_later("Base colour without light: the share that is scattered, or reflected by metal."),
     ),
     (
-        tr_later("Glow"),
+        tr_later("Emission"),
         View::Emission,
         tr_later(
             "What shines by itself and keeps its colour in every light. How bright that has to be is set in the panel Look.",
         ),
     ),
     (
-        tr_later("Ratio tau"),
+        tr_later("Ratio"),
         View::Tau,
         tr_later("How many stops the new light is over the old one."),
     ),
     (
-        tr_later("Doubts"),
+        tr_later("Confidence"),
         View::Confidence,
-        tr_later("What was left out, and where the relit colour is doubtful."),
+        tr_later("Low confidence in the relit colour."),
     ),
 ];
 

@@ -56,7 +56,7 @@ impl Viewer {
             let assets = session.project.states.iter().filter_map(|s| s.asset.as_ref());
             let total = assets.map(|a| a.cloud.len()).sum();
             let drawn = session.canvas.live().drawn();
-            ui.label(tr_format!("{} of {} surfels", thousands(drawn), thousands(total)))
+            ui.label(tr_format!("{} of {} Gaussians", thousands(drawn), thousands(total)))
                 .on_hover_text(tr("Drawn, of all that there are: what is hidden is not drawn."));
             ui.separator();
             ui.label(tr_format!("frame {}", milliseconds(session.canvas.timers.frame.ms())))
@@ -396,7 +396,7 @@ impl Viewer {
                         tr("The desktop shows no file dialog. Lights to open (.json):")
                     }
                     Some(Dialog::Save(SaveKind::Lut, _)) => {
-                        tr("The desktop shows no file dialog. A table of colours (.cube):")
+                        tr("The desktop shows no file dialog. A LUT (.cube):")
                     }
                     Some(Dialog::Save(SaveKind::Folder, _)) => {
                         tr("The desktop shows no file dialog. A folder for pictures:")
@@ -536,14 +536,14 @@ impl Viewer {
             });
             ui.horizontal(|ui| {
                 // It keeps its place: a second click must not meet another button.
-                let label = egui::Button::new(tr("Quit when they are done"));
+                let label = egui::Button::new(tr("Quit when done"));
                 if ui.add_enabled(!quitting.waits, label).clicked() {
                     self.quitting = Some(Quitting {
                         waits: true,
                         ..quitting
                     });
                 }
-                if ui.button(tr("Stop them and quit")).clicked() {
+                if ui.button(tr("Stop and quit")).clicked() {
                     self.session.jobs.cancel(Kind::Export);
                     context.send_viewport_cmd(egui::ViewportCommand::Close);
                 }

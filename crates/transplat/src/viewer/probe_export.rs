@@ -67,7 +67,7 @@ impl Session {
             Ok((path, probe.clipped_light))
         };
         self.start(Kind::Export, label, work, |session, (path, clipped)| {
-            session.info(tr_format!("saved {}, and put it on the shelf", path.display()));
+            session.info(tr_format!("saved {}, and added it to the library", path.display()));
             if clipped > CLIPPED {
                 session.info(tr_format!(
                     "{} of that light is clipped at white: it was brighter there; transplat probe --clipped-like brings some of it back",

@@ -25,8 +25,8 @@ pub fn kind_name(kind: LightKind) -> &'static str {
         LightKind::Directional => tr_later("sun"),
         LightKind::Point => tr_later("point light"),
         LightKind::Spot => tr_later("spot light"),
-        LightKind::Rect => tr_later("soft box"),
-        LightKind::Disc => tr_later("round soft box"),
+        LightKind::Rect => tr_later("area light"),
+        LightKind::Disc => tr_later("disc light"),
     })
 }
 
@@ -250,7 +250,7 @@ impl Session {
         };
         let label = tr("saving the light as an environment");
         self.start(Kind::Export, label, work, |session, path| {
-            let saved = tr_format!("saved {}, and put it on the shelf", path.display());
+            let saved = tr_format!("saved {}, and added it to the library", path.display());
             session.info(saved);
             session.events.push(Event::Light(path));
         });

@@ -27,7 +27,7 @@ use transplat_eval::savings::Saved;
 use transplat_eval::sweep::Point;
 
 /// Names of the two sides of the light.
-pub const SIDES: [&str; 2] = [tr_later("captured under"), tr_later("relit by")];
+pub const SIDES: [&str; 2] = [tr_later("Capture light"), tr_later("New light")];
 
 /// Change that a job makes to the session.
 pub type SessionChange = Box<dyn FnOnce(&mut Session) + Send>;

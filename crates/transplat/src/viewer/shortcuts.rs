@@ -68,14 +68,9 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
         NONE,
         Key::F12,
         Action::Screenshot,
-        tr_later("save a picture"),
+        tr_later("save an image"),
     ),
-    (
-        CTRL_SHIFT,
-        Key::C,
-        Action::Copy,
-        tr_later("copy the picture"),
-    ),
+    (CTRL_SHIFT, Key::C, Action::Copy, tr_later("copy the image")),
     (CTRL_SHIFT, Key::Z, Action::Redo, tr_later("redo")),
     (CTRL, Key::Z, Action::Undo, tr_later("undo")),
     (CTRL, Key::Y, Action::Redo, tr_later("redo")),
@@ -129,7 +124,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
         Action::SwapPinned,
         tr_later("the pinned look and this one, in turn"),
     ),
-    (CTRL, Key::B, Action::KeepView, tr_later("keep this view")),
+    (CTRL, Key::B, Action::KeepView, tr_later("keep view")),
     (
         NONE,
         Key::PageDown,
@@ -157,12 +152,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
     (NONE, Key::G, Action::Grid, tr_later("grid")),
     (NONE, Key::L, Action::Probes, tr_later("light probes")),
     (NONE, Key::J, Action::Timeline, tr_later("timeline")),
-    (
-        NONE,
-        Key::K,
-        Action::Marks,
-        tr_later("mark doubtful surfels"),
-    ),
+    (NONE, Key::K, Action::Marks, tr_later("mark low confidence")),
     (
         NONE,
         Key::N,
@@ -268,7 +258,7 @@ pub const GESTURES: [(&str, &str); 16] = [
     ),
     (
         tr_later("click"),
-        tr_later("select an object; inspect a surfel"),
+        tr_later("select an object; inspect a Gaussian"),
     ),
     (
         tr_later("drag a handle"),
@@ -294,7 +284,7 @@ pub const GESTURES: [(&str, &str); 16] = [
     (tr_later("hold B"), tr_later("before")),
     (
         tr_later("1 to 9"),
-        tr_later("relight by this light of the shelf"),
+        tr_later("relight by this light of the library"),
     ),
     (
         tr_later("ctrl + / ctrl -"),

@@ -33,7 +33,7 @@ pub const TABS: [(Tab, Icon, &str, &str); 6] = [
         Tab::Light,
         Icon::Sun,
         tr_later("Light"),
-        tr_later("The light it is relit by, and the one that it was captured under."),
+        tr_later("New light, placed lights, and capture light."),
     ),
     (
         Tab::Look,

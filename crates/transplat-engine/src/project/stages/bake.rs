@@ -86,7 +86,7 @@ impl Project {
         } else if self.estimate_needs_bake(at) {
             let is_next = !is_requested || self.states[at].bake_share(set) == 1.0;
             if is_wanted(for_estimate) && is_next {
-                self.bake(at, for_estimate, tr("what tells the light"));
+                self.bake(at, for_estimate, tr("the capture light"));
             }
         } else if set != for_estimate && self.is_bake_awaited(at, for_estimate) {
             self.cancel_bakes(at);

@@ -14,7 +14,7 @@ use crate::words::of_error;
 
 /// For the user, where nobody told the light.
 pub const DROP_IT: &str =
-    tr_later("Drop the environment of the capture on “captured under”, if there is one");
+    tr_later("Drop the environment of the capture on “Capture light”, if there is one");
 
 impl Project {
     /// True where the settings request the estimated capture light.
@@ -96,7 +96,7 @@ impl Project {
         let state = &mut self.states[at];
         let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
         if was_awaited && !is_on_its_way && state.estimate.get().is_none() {
-            self.info(tr("the light of the capture was not estimated, and is not known. The panel Light (captured under) has it estimated again"));
+            self.info(tr("the capture light was not estimated. The page Capture light of the panel Light estimates it again"));
         }
     }
 
@@ -133,7 +133,7 @@ impl Project {
                     drop_it = tr(DROP_IT)
                 ),
                 Some(obstacle) => tr_format!(
-                    "what it was captured under {obstacle}. {drop_it}",
+                    "The capture light {obstacle}. {drop_it}",
                     obstacle = why_not(self.scene.transfer.method, obstacle),
                     drop_it = tr(DROP_IT)
                 ),

@@ -147,7 +147,7 @@ impl Export {
                 )
             }
             Task::Turntable => {
-                let as_what = self.settings.video.map_or(tr("pictures"), |_| tr("film"));
+                let as_what = self.settings.video.map_or(tr("pictures"), |_| tr("video"));
                 let frames = self.settings.frames;
                 tr_format!(
                     "turntable of {name}, {frames} frames, {as_what}",
@@ -290,7 +290,7 @@ impl<'a> ExportRun<'a> {
     pub(super) fn need_lights(&self) -> Result<()> {
         if self.light_library.is_empty() {
             bail!(tr(
-                "the shelf holds no light yet; drop environments on the window first"
+                "the light library is empty; drop environments on the window first"
             ));
         }
         Ok(())

@@ -63,7 +63,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             }
         }
     });
-    ui.checkbox(&mut session.object_mut().linear, tr("Colour is linear")).on_hover_text(tr("The splat was trained on linear pictures: its colour is not decoded before it is relit."));
+    ui.checkbox(&mut session.object_mut().linear, tr("Linear colour")).on_hover_text(tr("The splat was trained on linear pictures: its colour is not decoded before it is relit."));
     front(ui, viewer);
     noise(ui, &viewer.session);
     let mut turned = 0.0;
@@ -75,7 +75,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         })
         .inner
         .on_hover_text(tr(
-            "Drag: turns the object about its up axis. The light it is relit by stays where it is.",
+            "Rotates the object about its up axis. The new light stays.",
         ));
     named(&drag, egui::Role::SpinButton, tr("Turn the object"));
     if drag.changed() && viewer.session.project.is_composed() {
@@ -111,8 +111,8 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
     }
     let guessed = session.bake_so_far().and_then(|b| b.ambiguous_share());
     ui.horizontal(|ui| {
-        let tip = tr("What is seen of the object from here is its outside: where which side of a surface is the front could not be told, it is this one. From several places it adds up. The object is baked anew.");
-        if button(ui, tr("This side is out"), tip) {
+        let tip = tr("Takes what is seen from here as the outside of thin sheets. Several places add up. The object is baked again.");
+        if button(ui, tr("Use this side as outside"), tip) {
             let eye = navigation::eye(&session.project.pose, session.project.scene_up());
             let object_from_scene = session.object().transform.scene_from_object().inverse();
             let eye = object_from_scene.transform_point3(eye);
@@ -153,14 +153,14 @@ fn noise(ui: &mut Ui, session: &Session) {
 fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
     ui.label(tr("Hide (nothing is edited)"));
     Control {
-        label: tr("Faint"),
+        label: tr("Minimum opacity"),
         tip: tr("Surfels of less opacity than this are not drawn: takes away haze."),
         decimals: 3,
         ..Control::of(0.0..=1.0, 0.0)
     }
     .show(ui, &mut hide.min_opacity);
     Control {
-        label: tr("Large"),
+        label: tr("Maximum size"),
         unit: tr(" radii"),
         tip: tr("Surfels larger than this share of the object are not drawn: takes away floaters and background. 1 hides none."),
         decimals: 3,
@@ -221,7 +221,7 @@ fn cut(ui: &mut Ui, session: &mut Session) {
     if let Some(part) = session.asset().and_then(|a| a.part.as_ref()) {
         let (taken, all) = (part.surfels.len(), part.capture.cloud.len());
         ui.weak(tr_format!(
-            "cut out of a capture: {} of {} surfels",
+            "cut out of a capture: {} of {} Gaussians",
             thousands(taken),
             thousands(all)
         ));
@@ -235,7 +235,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     viewer.session.project.requested.readout = inspected.is_some() && !dragging;
     let session = &viewer.session;
     let (Some(i), Some(asset)) = (inspected, session.asset()) else {
-        ui.weak(tr("Click the object to inspect a surfel."));
+        ui.weak(tr("Click the object to inspect a Gaussian."));
         return;
     };
     if i >= asset.cloud.len() {
@@ -314,7 +314,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
 /// Draws the directions that a surfel sees, as a map of the sphere.
 fn lobe(ui: &mut Ui, seen: &[(Vec3, f32)]) {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(160.0, 80.0), egui::Sense::hover());
-    response.on_hover_text(tr("What the surfel sees of the sphere around it, as an environment map: white is open, black is the object itself."));
+    response.on_hover_text(tr("Visibility of the Gaussian as an environment map: white is open, black is the object itself."));
     let painter = ui.painter_at(rect);
     painter.rect_filled(rect, 2.0, egui::Color32::from_gray(40));
     for (d, open) in seen {

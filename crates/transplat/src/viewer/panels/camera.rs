@@ -20,8 +20,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         if button(ui, tr("Frame"), tr("Shows all of the object. (F)")) {
             viewer.session.project.frame_all();
         }
-        let tip = tr("Keeps where it is seen from, on the shelf. (ctrl + B)");
-        if button(ui, tr("Keep this view"), tip) {
+        let tip = tr("Keeps the view in the library. (ctrl + B)");
+        if button(ui, tr("Keep view"), tip) {
             viewer.session.keep_view();
         }
     });

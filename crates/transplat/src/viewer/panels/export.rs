@@ -173,7 +173,7 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
 fn tasks(ui: &mut Ui) -> Option<Task> {
     let mut task = None;
     ui.horizontal_wrapped(|ui| {
-        if button(ui, tr("Save picture"), tr("As it is shown. (F12)")) {
+        if button(ui, tr("Save image"), tr("As it is shown. (F12)")) {
             task = Some(Task::Screenshot(None));
         }
         let tip = tr(
@@ -186,11 +186,11 @@ fn tasks(ui: &mut Ui) -> Option<Task> {
         if button(ui, tr("Copy"), tip) {
             task = Some(Task::Clipboard);
         }
-        let tip = tr("A file for each light of the shelf.");
+        let tip = tr("Saves one file for each light of the library.");
         if button(ui, tr("One per light"), tip) {
             task = Some(Task::EachLight);
         }
-        let tip = tr("One file with a picture for each light of the shelf.");
+        let tip = tr("Saves one file with an image for each light of the library.");
         if button(ui, tr("Contact sheet"), tip) {
             task = Some(Task::ContactSheet);
         }
@@ -218,10 +218,10 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
         ),
         &mut settings.video,
         &[
-            (tr("numbered pictures"), None),
-            (tr("film, MP4"), Some(VideoFormat::Mp4)),
-            (tr("film, WebM"), Some(VideoFormat::WebM)),
-            (tr("film, WebP"), Some(VideoFormat::WebP)),
+            (tr("Numbered images"), None),
+            (tr("Video (MP4)"), Some(VideoFormat::Mp4)),
+            (tr("Video (WebM)"), Some(VideoFormat::WebM)),
+            (tr("Video (WebP)"), Some(VideoFormat::WebP)),
         ],
     );
     if settings.video.is_some() || viewer.session.project.scene.animation.keys.len() > 1 {

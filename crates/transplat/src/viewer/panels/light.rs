@@ -20,8 +20,8 @@ use transplat_engine::project::{SOURCE, TARGET};
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal_wrapped(|ui| {
         let lights = match viewer.session.project.scene.lights.len() {
-            0 => tr("lights").to_owned(),
-            n => format!("{} {n}", tr("lights")),
+            0 => tr("Placed lights").to_owned(),
+            n => format!("{} {n}", tr("Placed lights")),
         };
         let pages = [
             (LightPage::RelitBy, tr(SIDES[TARGET])),
@@ -128,7 +128,7 @@ fn suns(ui: &mut Ui, session: &mut Session) {
         let tip = tr(
             "Its suns shine as they are in the picture; of those among the lights, one that was changed stays.",
         );
-        if button(ui, tr("Put the suns back"), tip) {
+        if button(ui, tr("Restore suns"), tip) {
             session.put_suns_back();
         }
         return;
@@ -136,7 +136,7 @@ fn suns(ui: &mut Ui, session: &mut Session) {
     let tip = tr(
         "Its suns become lights of your own, to be moved, dimmed, coloured or made softer; the sky stays.",
     );
-    if button(ui, tr("Take out the sun"), tip) {
+    if button(ui, tr("Convert sun to light"), tip) {
         session.take_out_suns();
     }
 }
@@ -177,8 +177,7 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
         let size = tr_format!("{} x {} pixels", light.size[0], light.size[1]);
         fact(ui, tr("holds"), size);
     }
-    if side == TARGET && !is_even(&light.path) && ui.button(tr("Use even light instead")).clicked()
-    {
+    if side == TARGET && !is_even(&light.path) && ui.button(tr("Use uniform white")).clicked() {
         session.set_light(side, EVEN.into());
     }
 }
@@ -282,7 +281,7 @@ fn place_and_time(ui: &mut Ui, of: &mut PlaceAndTime) {
     .show(ui, &mut of.date.day);
     of.date.day = of.date.day.min(days);
     ui.horizontal(|ui| {
-        name(ui, tr("Place"));
+        name(ui, tr("Location"));
         let degrees = |ui: &mut Ui, value: &mut f64, most: f64, text: &str, tip: &str| {
             let drag = number(value, -most..=most)
                 .speed(0.1)
@@ -368,12 +367,12 @@ fn other_sources(ui: &mut Ui, session: &mut Session) {
     let is_there = session.estimate().is_some() || is_on_its_way(session);
     let even = session.object().source.file.as_deref().is_some_and(is_even);
     ui.horizontal_wrapped(|ui| {
-        let tip = tr("What the object's own shading tells of the light on it.");
-        if !(is_wished && is_there) && button(ui, tr("Estimate it from the object"), tip) {
+        let tip = tr("Light that the object's own shading shows.");
+        if !(is_wished && is_there) && button(ui, tr("Estimate from the object"), tip) {
             session.ask_for_estimate();
         }
         let tip = tr("As if the capture had been made under the same light from all sides, under a white sky: the whole new shading is laid over what the capture shows.");
-        if !even && button(ui, tr("Assume even light"), tip) {
+        if !even && button(ui, tr("Assume uniform white"), tip) {
             session.set_light(SOURCE, EVEN.into());
         }
     });
@@ -392,7 +391,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
         Some(estimate) if estimate.is_good() => tr("Estimated from the object."),
         Some(_) => tr("Not known, and the object does not tell it."),
         None if session.object().source.is_estimate() => tr("Not known."),
-        None => tr("Not known: even light is assumed."),
+        None => tr("Unknown: uniform white is assumed."),
     });
     if let Some(estimate) = estimate {
         if estimate.may_lie_on_its_side(session.up()) {
@@ -417,7 +416,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
                     tr("none found")
                 };
                 fact(ui, tr("sun"), sun);
-                ui.weak(tr("Strength and tint are assumed, since no object tells them: grey on the whole, and so strong that the whitest surface is about as white as paper. Set them below."));
+                ui.weak(tr("Strength and tint are assumed: a grey light, so strong that the whitest surface is about as white as paper. Set them below."));
             }
         }
     }
@@ -425,7 +424,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
 }
 
 fn match_strength(ui: &mut Ui, session: &mut Session) {
-    let text = tr("Match the capture's strength");
+    let text = tr("Match exposure");
     ui.checkbox(&mut session.project.scene.match_strength, text).on_hover_text(tr("Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)"));
     // In a line of its own, so that nothing moves as it changes.
     let difference = match session.stops_over_source() {

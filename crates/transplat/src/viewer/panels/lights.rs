@@ -39,7 +39,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     });
     let session = &mut viewer.session;
     if session.project.scene.lights.is_empty() {
-        ui.weak(tr("No light of your own yet. They come on top of what the object is relit by, cast shadows, and may be near."));
+        ui.weak(tr(
+            "No placed lights yet. They add to the new light, cast shadows, and may be near.",
+        ));
         return;
     }
     list(ui, session);
@@ -148,7 +150,7 @@ fn list(ui: &mut Ui, session: &mut Session) {
                 if small(ui, "×", name, tr("Removes it. (Undo brings it back.)")) {
                     removed = Some(at);
                 }
-                let name = tr_format!("Double {called}", called = title);
+                let name = tr_format!("Duplicate {called}", called = title);
                 if small(ui, "+", name, tr("Another one like it.")) {
                     doubled = Some(at);
                 }
@@ -291,7 +293,7 @@ fn where_it_is(ui: &mut Ui, session: &mut Session, at: usize) {
     }
     let mut place = source.position().unwrap_or_default();
     ui.horizontal(|ui| {
-        name(ui, tr("Place"));
+        name(ui, tr("Position"));
         let axes = ["x", "y", "z"].into_iter().zip(place.as_mut());
         for (axis, value) in axes {
             let decimals = (3.0 - radius.log10()).clamp(0.0, 9.0) as usize;
@@ -305,7 +307,7 @@ fn where_it_is(ui: &mut Ui, session: &mut Session, at: usize) {
             named(
                 &drag,
                 Role::SpinButton,
-                tr_format!("Place {axis}", axis = axis),
+                tr_format!("Position {axis}", axis = axis),
             );
         }
     });

@@ -26,10 +26,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 
 /// The look as one of several, and what is to be known of it.
 fn kept(ui: &mut Ui, viewer: &mut Viewer) {
-    let tip = tr(
-        "Keeps light and look as they are, on the shelf. (P also compares what comes next with it.)",
-    );
-    if button(ui, tr("Keep this look"), tip) {
+    let tip = tr("Keeps light and look in the library. (P also compares later looks with it.)");
+    if button(ui, tr("Keep look"), tip) {
         viewer.session.project.keep_look();
     }
     let label = ui.label(tr("Note"));
@@ -100,8 +98,8 @@ fn lut(ui: &mut Ui, viewer: &mut Viewer) {
             ui.weak(tr("none"));
             return;
         };
-        let none = ui.button("×").on_hover_text(tr("Without a table of colours."));
-        named(&none, egui::Role::Button, tr("No table of colours"));
+        let none = ui.button("×").on_hover_text(tr("No LUT."));
+        named(&none, egui::Role::Button, tr("No LUT"));
         if none.clicked() {
             viewer.session.project.scene.lut = None;
         }
@@ -168,7 +166,7 @@ fn plate(ui: &mut Ui, viewer: &mut Viewer) {
         let file = viewer.session.project.scene.plate.as_ref();
         let name = file.map_or(tr("none yet").into(), |file| file_name(file));
         let tip = tr("A picture that the objects are put into, framed by its shorter edge. The camera that took it: drop a transforms.json or a folder of COLMAP's on the window.");
-        if button(ui, tr("Photograph…"), tip) {
+        if button(ui, tr("Backplate…"), tip) {
             ask(
                 &mut viewer.session,
                 Dialog::Save(SaveKind::Backplate, String::new()),

@@ -20,7 +20,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         row(ui, session, at);
     }
     ui.horizontal(|ui| {
-        ui.checkbox(&mut session.adds_splats, tr("Add what is opened")).on_hover_text(
+        ui.checkbox(&mut session.adds_splats, tr("Add to scene")).on_hover_text(
             tr("A splat that is opened or dropped on the window is put into the scene, and does not replace the selected object."),
         );
         ui.checkbox(&mut session.overlays.handles, tr("Handles")).on_hover_text(
@@ -43,8 +43,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             }
         });
         ui.add_enabled_ui(several, |ui| {
-            let tip = tr("Saves the light that the others show at the selected object, as they were captured, into the folder of the panel Export, and puts it on the shelf.");
-            if button(ui, tr("Save the light here"), tip) {
+            let tip = tr("Saves the light at the selected object, as the other objects show it, and adds it to the light library.");
+            if button(ui, tr("Save light probe"), tip) {
                 session.save_light_here(&viewer.preferences.export.folder);
             }
         });
@@ -124,7 +124,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
         .map_or(0.01, |b| b.radius / 200.0);
     let mut transform = session.object().transform;
     ui.horizontal(|ui| {
-        name(ui, tr("Place"));
+        name(ui, tr("Position"));
         for (axis, value) in ["x", "y", "z"]
             .into_iter()
             .zip(transform.translation.as_mut())
@@ -139,7 +139,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
             named(
                 &drag,
                 egui::Role::SpinButton,
-                tr_format!("Place {axis}", axis = axis),
+                tr_format!("Position {axis}", axis = axis),
             );
         }
     });
@@ -148,7 +148,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
     let mut degrees = [x, y, z].map(|a| (a * 1800.0 / PI).round() / 10.0 + 0.0);
     let mut turned = false;
     ui.horizontal(|ui| {
-        name(ui, tr("Turn"));
+        name(ui, tr("Rotation"));
         for (axis, value) in ["x", "y", "z"].into_iter().zip(&mut degrees) {
             let drag = number(value, -360.0..=360.0)
                 .speed(0.5)
@@ -161,7 +161,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
             named(
                 &drag,
                 egui::Role::SpinButton,
-                tr_format!("Turn {axis}", axis = axis),
+                tr_format!("Rotation {axis}", axis = axis),
             );
             turned |= drag.changed();
         }

@@ -36,7 +36,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                 (tr("prepare"), stages.prepare, prepare),
                 (tr("transfer"), passes.transfer, Some(session.transfer_ms())),
                 (tr("sort"), passes.sort, None),
-                (tr("project surfels"), passes.project, None),
+                (tr("project Gaussians"), passes.project, None),
                 (tr("shade"), passes.shade, None),
                 (
                     tr("draw"),
@@ -58,7 +58,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     if let Some(file) = session.baked().and_then(|b| b.file.as_ref()) {
         fact(ui, tr("bake"), file.display().to_string());
     }
-    ui.label(tr("Left out"));
+    ui.label(tr("Skipped work"));
     let skipped_work = viewer.skipped_work();
     if skipped_work.is_empty() {
         ui.weak(tr("nothing"));
@@ -80,7 +80,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
         .jobs
         .is_running(Kind::Of(session.state().id, Work::Measure));
     let can_measure = session.asset().is_some() && !is_running;
-    let button = ui.add_enabled(can_measure, Button::new(tr("Measure on this object")));
+    let button = ui.add_enabled(can_measure, Button::new(tr("Measure this object")));
     let button = button.on_hover_text(tr("Relights the object with each preset, each SH degree and without each term, under the lights as they are: how long a new light takes, and how far the picture is from the preset computed without error; and does what was left out all the same, to know what that saved. Takes a while."));
     if button.clicked() {
         session.measure();
@@ -138,7 +138,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
 fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     let can_try = !session.jobs.is_running(Kind::Extremes);
-    let button = ui.add_enabled(can_try, Button::new(tr("Try the extreme cases")));
+    let button = ui.add_enabled(can_try, Button::new(tr("Run extreme cases")));
     let button = button.on_hover_text(tr("Relights small scenes of lights and surfels that ask much of the numbers, and holds the results against 64-bit ones. Takes half a minute."));
     if button.clicked() {
         session.try_extremes();
@@ -170,5 +170,7 @@ fn confidence(ui: &mut Ui, session: &mut Session) {
         }
     }
     ui.checkbox(&mut session.overlays.marks, tr("Mark them in the picture"))
-        .on_hover_text(tr("Paints doubtful surfels in their colours. (K)"));
+        .on_hover_text(tr(
+            "Paints Gaussians of low confidence in their colours. (K)",
+        ));
 }

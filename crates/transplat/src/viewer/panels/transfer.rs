@@ -41,7 +41,7 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
     });
     let mut epsilon = transfer.epsilon();
     Control {
-        label: tr("Calm the dark"),
+        label: tr("Regularization"),
         tip: tr("Epsilon, relative to the source's mean irradiance. More of it calms what was dark in the capture and dampens the relight; less trusts the dark more."),
         decimals: 6,
         logarithmic: true,
@@ -52,7 +52,8 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
     if epsilon != transfer.epsilon() {
         transfer.epsilon = (epsilon != method.epsilon()).then_some(epsilon);
     }
-    ui.checkbox(&mut transfer.terms.shadow, tr("Self-shadow")).on_hover_text(tr("The object's own shadows take part in both lights. Off, every surfel sees all of the light."));
+    ui.checkbox(&mut transfer.terms.shadow, tr("Self-shadow"))
+        .on_hover_text(tr("Shadows of the object on itself, in both lights."));
     match method {
         Method::Directional => directional_terms(ui, transfer),
         Method::Harmonic => {
@@ -64,7 +65,7 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
 
 fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
     let terms = &mut transfer.terms;
-    ui.checkbox(&mut terms.sums, tr("Sums over directions"))
+    ui.checkbox(&mut terms.sums, tr("Directional integration"))
         .on_hover_text(tr(
             "Light is summed over directions. Off, it is an SH series first, as in preset paper.",
         ));
@@ -73,7 +74,7 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
         .on_hover_text(tr(
             "Surfels light each other. Off, whatever blocks the light is black.",
         ));
-    ui.checkbox(&mut terms.two_sided, tr("Two sides")).on_hover_text(tr("Thin things, like leaves, are lit from the side that is seen. Off, both sides have the front's light."));
+    ui.checkbox(&mut terms.two_sided, tr("Two-sided")).on_hover_text(tr("Thin things, like leaves, are lit from the side that is seen. Off, both sides have the front's light."));
     ui.checkbox(&mut terms.lobe, tr("Gloss")).on_hover_text(tr(
         "Highlights and reflections, as far as the capture shows them. Off, all colour is matte.",
     ));
@@ -81,12 +82,12 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
         .on_hover_text(tr(
             "Keeps what none of these explains of the capture. Off, it is left out.",
         ));
-    ui.checkbox(&mut terms.emission, tr("Glow")).on_hover_text(tr(
+    ui.checkbox(&mut terms.emission, tr("Emission")).on_hover_text(tr(
         "Lamps, eyes and screens, which no light explains, keep shining as captured. Off, they are taken for paint.",
     ));
     ui.add_enabled_ui(terms.emission, |ui| {
         Control {
-            label: tr("Glows above"),
+            label: tr("Emission threshold"),
             tip: tr("How many times brighter than the whitest surface in the same light a thing has to be to shine by itself. Less makes more of it glow, more makes less; the channel Glow shows what does."),
             decimals: 2,
             logarithmic: true,
