@@ -153,14 +153,14 @@ fn noise(ui: &mut Ui, session: &Session) {
 fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
     ui.label(tr("Hide (nothing is edited)"));
     Control {
-        label: tr("Minimum opacity"),
+        label: tr("Min. opacity"),
         tip: tr("Surfels of less opacity than this are not drawn: takes away haze."),
         decimals: 3,
         ..Control::of(0.0..=1.0, 0.0)
     }
     .show(ui, &mut hide.min_opacity);
     Control {
-        label: tr("Maximum size"),
+        label: tr("Max. size"),
         unit: tr(" radii"),
         tip: tr("Surfels larger than this share of the object are not drawn: takes away floaters and background. 1 hides none."),
         decimals: 3,
