@@ -221,12 +221,12 @@ where
         .bold_line_style(RGBColor(215, 215, 215))
         .light_line_style(TRANSPARENT)
         .draw()?;
-    let outward_sides = if plot.is_front_shared {
+    let fronts = if plot.is_front_shared {
         1
     } else {
         plot.groups.len()
     };
-    for group in 0..outward_sides {
+    for group in 0..fronts {
         let mut front: Vec<(f64, f64)> = dots
             .iter()
             .filter(|d| d.is_joined && (plot.is_front_shared || d.group == group))

@@ -85,10 +85,8 @@ fn irradiance(cloud: &SurfelCloud, bake: &Bake, light: &Illumination) -> Result<
     };
     let best: &DirectionalTransfer = &best;
     let over = 1.0 / f64::from(best.light_gain);
-    let outward_sides = best.divisor.iter().map(|[front, _]| front);
-    Ok(outward_sides
-        .map(|e| e.map(|v| f64::from(v) * over))
-        .collect())
+    let fronts = best.divisor.iter().map(|[front, _]| front);
+    Ok(fronts.map(|e| e.map(|v| f64::from(v) * over)).collect())
 }
 
 /// Correlation with the truth, and by what the first has to be multiplied to be nearest to it: surfels count by area and opacity.

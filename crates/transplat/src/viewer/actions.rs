@@ -92,9 +92,7 @@ impl Viewer {
             Action::Orthographic => {
                 session.project.pose.orthographic = !session.project.pose.orthographic
             }
-            Action::OutwardSide => {
-                navigation::look_from(&mut session.project.pose, navigation::FRONT)
-            }
+            Action::Front => navigation::look_from(&mut session.project.pose, navigation::FRONT),
             Action::Right => navigation::look_from(&mut session.project.pose, navigation::RIGHT),
             Action::Top => navigation::look_from(&mut session.project.pose, navigation::TOP),
             Action::NextCompare => {

@@ -92,7 +92,7 @@ impl LightLibrary {
                 ui.add_space(26.0);
                 let swap = ui
                     .button(tr("swap"))
-                    .on_hover_text(tr("Swaps new light and capture light. (X)"));
+                    .on_hover_text(tr("Swaps new light and capture light. (ctrl + shift + X)"));
                 named(&swap, egui::Role::Button, tr("Swap lights"));
                 if swap.clicked() {
                     session.swap_lights();

@@ -20,7 +20,7 @@ pub enum Action {
     Remove,
     Frame,
     Orthographic,
-    OutwardSide,
+    Front,
     Right,
     Top,
     NextCompare,
@@ -96,7 +96,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
     (
         CTRL,
         Key::Num1,
-        Action::OutwardSide,
+        Action::Front,
         tr_later("look from the front"),
     ),
     (
@@ -165,7 +165,12 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
         Action::Match,
         tr_later("match the lights' strength"),
     ),
-    (NONE, Key::X, Action::Swap, tr_later("swap the two lights")),
+    (
+        CTRL_SHIFT,
+        Key::X,
+        Action::Swap,
+        tr_later("swap the two lights"),
+    ),
     (NONE, Key::H, Action::Panels, tr_later("panels on and off")),
     (
         NONE,
