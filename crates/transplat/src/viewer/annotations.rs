@@ -209,7 +209,7 @@ pub fn mark_surfel(ui: &Ui, rect: Rect, session: &Session, camera: &Camera, surf
 /// A doubt's name for the user.
 pub fn low_confidence_name(low_confidence: LowConfidence) -> &'static str {
     match low_confidence {
-        LowConfidence::LeftOut => tr("left out: broken or too faint"),
+        LowConfidence::LeftOut => tr("hidden: broken or too faint"),
         LowConfidence::DarkSource => tr("dark in the light of the capture"),
         LowConfidence::Clipped => tr("captured clipped at white"),
         LowConfidence::AtLimit => tr("ratio beyond 3 stops"),

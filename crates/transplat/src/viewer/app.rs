@@ -427,7 +427,7 @@ impl Viewer {
     pub(super) fn save_to(&mut self, path: &Path, kind: SaveKind, replace: bool) {
         match kind {
             SaveKind::Folder if path.is_file() => {
-                let why = tr("is a file; the folder for pictures is asked for");
+                let why = tr("is a file; a folder for images is expected");
                 return self.session.error(format!("{}: {why}", path.display()));
             }
             SaveKind::Folder => {
@@ -590,7 +590,7 @@ impl Viewer {
                 height = height
             )),
             Some(Err(error)) => self.session.error(tr_format!(
-                "the clipboard refused the picture: {error}",
+                "the clipboard refused the image: {error}",
                 error = error
             )),
             None => self.session.error(tr("there is no clipboard here")),

@@ -66,7 +66,7 @@ fn saved(paths: &[PathBuf]) -> String {
     match paths {
         [one] => tr_format!("saved {}", one.display()),
         [first, .., last] => tr_format!(
-            "saved {} pictures, {} to {}",
+            "saved {} images, {} to {}",
             paths.len(),
             first.display(),
             last.file_name().unwrap_or_default().to_string_lossy()

@@ -148,7 +148,7 @@ impl LightLibrary {
                 (
                     LibraryPage::Looks,
                     tr_format!("Looks{}", count(looks.len())),
-                    tr("Looks that were kept: light and picture, to come back to and to compare."),
+                    tr("Kept looks: light and display settings to return to and to compare."),
                 ),
                 (
                     LibraryPage::Views,
@@ -300,7 +300,7 @@ impl LightLibrary {
 
     fn add_button(&mut self, ui: &mut Ui) {
         let response = add_button(ui, tr("Add environments")).on_hover_text(tr(
-            "Add environments: .hdr, .exr or pictures. Or drop files or a folder on the window.",
+            "Adds environments: .hdr, .exr or images. Files and folders can be dropped on the window, too.",
         ));
         self.wants_files |= response.clicked();
     }

@@ -259,7 +259,9 @@ impl Viewer {
                 }
             })
             .response
-            .on_hover_text(tr("One part of the picture alone, or what it was made of."))
+            .on_hover_text(tr(
+                "Channels: one part of the image, or what it was made from.",
+            ))
             .widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, tr("Channel")));
         ui.separator();
         let tip = tr(
@@ -305,7 +307,7 @@ pub(super) const COMPARE: [(&str, View, &str); 5] = [
     (
         tr_later("Side by side"),
         View::SideBySide,
-        tr_later("Both pictures whole."),
+        tr_later("Shows both images whole."),
     ),
     (
         tr_later("Difference"),

@@ -399,7 +399,7 @@ impl Viewer {
                         tr("The desktop shows no file dialog. A LUT (.cube):")
                     }
                     Some(Dialog::Save(SaveKind::Folder, _)) => {
-                        tr("The desktop shows no file dialog. A folder for pictures:")
+                        tr("The desktop shows no file dialog. A folder for images:")
                     }
                     Some(Dialog::Save(..)) => {
                         tr("The desktop shows no file dialog. A file to write:")
@@ -486,7 +486,7 @@ impl Viewer {
             .open(&mut is_shown)
             .show(context, |ui| {
                 let image = egui::Image::new((picture.id(), size * scale));
-                ui.add(image.alt_text(tr("The picture as it would be saved")));
+                ui.add(image.alt_text(tr("The image as it would be saved")));
                 if is_old {
                     ui.horizontal(|ui| {
                         ui.weak(tr("Something was changed since."));

@@ -57,7 +57,7 @@ pub const TABS: [(Tab, Icon, &str, &str); 6] = [
         Tab::Export,
         Icon::ImageDown,
         tr_later("Export"),
-        tr_later("Pictures, turntables and the relit splat."),
+        tr_later("Images, turntables and the relit splat."),
     ),
     (
         Tab::Report,

@@ -529,7 +529,7 @@ impl Viewport {
             return;
         };
         let Some(brightest) = session.light(TARGET).brightest else {
-            return session.info(tr("even light has no highlight to be put there"));
+            return session.info(tr("uniform white has no highlight to put there"));
         };
         let light = &mut session.project.scene.environment;
         let in_map = brightest.as_dvec3();

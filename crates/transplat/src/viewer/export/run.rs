@@ -126,15 +126,15 @@ impl Export {
             name.to_string_lossy().into_owned()
         };
         match task {
-            Task::Screenshot(Some(path)) => tr_format!("picture {}", file(path)),
+            Task::Screenshot(Some(path)) => tr_format!("image {}", file(path)),
             Task::Screenshot(None) => {
-                tr_format!("picture of {name}, {light}", name = name, light = light)
+                tr_format!("image of {name}, {light}", name = name, light = light)
             }
-            Task::Clipboard => tr_format!("picture of {name} for the clipboard", name = name),
+            Task::Clipboard => tr_format!("image of {name} for the clipboard", name = name),
             Task::Preview => tr_format!("preview of {name}, {light}", name = name, light = light),
             Task::EachLight => {
                 tr_format!(
-                    "{lights} pictures of {name}, one per light",
+                    "{lights} images of {name}, one per light",
                     lights = lights,
                     name = name
                 )
@@ -147,7 +147,7 @@ impl Export {
                 )
             }
             Task::Turntable => {
-                let as_what = self.settings.video.map_or(tr("pictures"), |_| tr("video"));
+                let as_what = self.settings.video.map_or(tr("images"), |_| tr("video"));
                 let frames = self.settings.frames;
                 tr_format!(
                     "turntable of {name}, {frames} frames, {as_what}",

@@ -129,7 +129,7 @@ impl Task {
                 let format = match &*extension.to_lowercase() {
                     "png" => ImageFormat::Png8,
                     "exr" => ImageFormat::ExrHalf,
-                    _ => bail!(tr_format!("{}: a picture is .png or .exr", path.display())),
+                    _ => bail!(tr_format!("{}: an image is .png or .exr", path.display())),
                 };
                 if settings.format.is_linear() != format.is_linear() {
                     settings.format = format;
@@ -144,7 +144,7 @@ impl Task {
         let factor = settings.supersample;
         if self.is_of_images() && width * height * factor * factor > MAX_SAMPLES {
             bail!(tr_format!(
-                "a picture of {width} x {height} with {factor} x {factor} samples a pixel is too large; {MAX_SAMPLES} samples are possible",
+                "an image of {width} x {height} with {factor} x {factor} samples a pixel is too large; {MAX_SAMPLES} samples are possible",
                 width = width,
                 height = height,
                 factor = factor,

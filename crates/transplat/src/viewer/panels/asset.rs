@@ -63,7 +63,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             }
         }
     });
-    ui.checkbox(&mut session.object_mut().linear, tr("Linear colour")).on_hover_text(tr("The splat was trained on linear pictures: its colour is not decoded before it is relit."));
+    ui.checkbox(&mut session.object_mut().linear, tr("Linear colour"))
+        .on_hover_text(tr(
+            "Set this where the splat was trained on linear images: its colour is not decoded.",
+        ));
     front(ui, viewer);
     noise(ui, &viewer.session);
     let mut turned = 0.0;
@@ -128,13 +131,13 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
         }
         if let Some(share) = guessed {
             ui.weak(tr_format!("ambiguous {:.1} %", 100.0 * share))
-                .on_hover_text(tr("Share of what is seen of the object whose front is a guess: the channel Doubts shows where, as ambiguous normals."));
+                .on_hover_text(tr("Visible share with uncertain normal orientation. The channel Confidence shows where."));
         }
     });
     if guessed.is_some_and(|share| share > AMBIGUOUS_SHARE) {
         ui.colored_label(
             ui.visuals().warn_fg_color,
-            tr("Which side is the front is a guess on much of it (channel Doubts). Turn the object so that you see its outside, and say so."),
+            tr("Much of its normal orientation is uncertain (channel Confidence). Turn the object so that you see its outside, and click this."),
         );
     }
 }
@@ -154,7 +157,7 @@ fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
     ui.label(tr("Hide (nothing is edited)"));
     Control {
         label: tr("Min. opacity"),
-        tip: tr("Surfels of less opacity than this are not drawn: takes away haze."),
+        tip: tr("Hides Gaussians of less opacity than this, such as haze."),
         decimals: 3,
         ..Control::of(0.0..=1.0, 0.0)
     }
@@ -162,7 +165,7 @@ fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
     Control {
         label: tr("Max. size"),
         unit: tr(" radii"),
-        tip: tr("Surfels larger than this share of the object are not drawn: takes away floaters and background. 1 hides none."),
+        tip: tr("Hides Gaussians larger than this share of the object, such as floaters and background. 1 hides none."),
         decimals: 3,
         logarithmic: true,
         ..Control::of(0.001..=1.0, 1.0)
@@ -245,7 +248,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     let vector = |v: Vec3| format!("{:.4}, {:.4}, {:.4}", v.x, v.y, v.z);
     ui.horizontal(|ui| {
         let row = asset.file.row_of(i).unwrap_or(i);
-        ui.label(tr_format!("Surfel {}", thousands(row)))
+        ui.label(tr_format!("Gaussian {}", thousands(row)))
             .on_hover_text(tr("The row of its file, the first is 0."));
         close = ui.small_button(tr("close")).clicked();
     });

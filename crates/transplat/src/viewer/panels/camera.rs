@@ -46,7 +46,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let changed = Control {
         label: tr("Field of view"),
         unit: "°",
-        tip: tr("Of the picture's shorter edge: small is a long lens, large a wide one. The object keeps its size."),
+        tip: tr("Field of view of the shorter edge. The object keeps its size."),
         decimals: 1,
         ..Control::of(*FOV.start()..=120.0, FIELD_OF_VIEW)
     }
@@ -60,7 +60,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     Control {
         label: tr("Depth of field"),
         unit: " %",
-        tip: tr("How wide the lens is (its aperture), of the distance to what the camera turns about, which stays sharp (double click on the object sets it). Saved pictures and Preview have it; here all is sharp."),
+        tip: tr("Aperture, as a share of the focus distance. A double click on the object sets the focus. Saved images and Preview have it."),
         decimals: 2,
         ..Control::of(0.0..=100.0 * *APERTURE.end(), 0.0)
     }

@@ -45,12 +45,12 @@ fn delit(ui: &mut Ui, viewer: &mut Viewer) {
         &mut settings.delit_as,
         &[
             (tr("albedo"), DelitAs::Albedo),
-            (tr("under even light"), DelitAs::Even),
+            (tr("uniform white"), DelitAs::Even),
         ],
     );
     ui.horizontal(|ui| {
         let mut is_explicit = settings.whitest.is_some();
-        ui.checkbox(&mut is_explicit, tr("Whitest albedo")).on_hover_text(tr("What the whitest surface scatters, where that is known. Otherwise it is what light and pictures tell, or 0.65 where that is not plausible."));
+        ui.checkbox(&mut is_explicit, tr("Whitest albedo")).on_hover_text(tr("Albedo of the whitest surface. By default it follows from light and images, or is 0.65 where that is not plausible."));
         let mut whitest = settings.whitest.unwrap_or(WHITEST_ALBEDO as f32);
         ui.add_enabled_ui(is_explicit, |ui| {
             let drag = ui.add(number(&mut whitest, ALBEDOS).speed(0.005));
@@ -99,13 +99,13 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
         for (i, name) in [tr("Width"), tr("Height")].into_iter().enumerate() {
             let drag = number(&mut settings.size[i], 1..=16384).suffix(tr(" px"));
             let response = ui.add(drag).on_hover_text(tr_format!(
-                "{name} of saved pictures; beyond the largest texture they are drawn in tiles.",
+                "{name} of saved images. Very large ones are drawn in tiles.",
                 name = name
             ));
             named(
                 &response,
                 egui::Role::SpinButton,
-                tr_format!("Picture {name}", name = name),
+                tr_format!("Image {name}", name = name),
             );
         }
         if button(ui, tr("as here"), tr("The viewport's own size.")) {
@@ -135,7 +135,7 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
     choice(
         ui,
         tr("Sides"),
-        tr("What is shown, or before and after as a picture each."),
+        tr("Saves what is shown, or before and after as an image each."),
         &mut settings.sides,
         &[
             (tr("as shown"), ExportSides::Shown),
@@ -152,7 +152,7 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
         let label = ui.label(tr("Folder"));
         ui.add(field)
             .labelled_by(label.id)
-            .on_hover_text(tr("Where pictures are saved."));
+            .on_hover_text(tr("Folder of saved images."));
         let choose = ui.button("…").on_hover_text(tr("Choose a folder."));
         named(&choose, egui::Role::Button, tr("Choose the folder"));
         if choose.clicked() {
@@ -165,7 +165,9 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         let label = ui.label(tr("Name"));
         let field = egui::TextEdit::singleline(&mut settings.pattern).desired_width(180.0);
-        ui.add(field).labelled_by(label.id).on_hover_text(tr("Name of pictures: {asset}, {light}, {view} and {n} (the frame's number) stand for what they say."));
+        ui.add(field).labelled_by(label.id).on_hover_text(tr(
+            "Name of images. {asset}, {light}, {view} and {n} (the frame number) are filled in.",
+        ));
     });
 }
 
@@ -177,12 +179,12 @@ fn tasks(ui: &mut Ui) -> Option<Task> {
             task = Some(Task::Screenshot(None));
         }
         let tip = tr(
-            "How the picture will be saved, in small: with depth of field, samples and background.",
+            "Shows a small preview of the saved image, with depth of field, samples and background.",
         );
         if button(ui, tr("Preview"), tip) {
             task = Some(Task::Preview);
         }
-        let tip = tr("The picture to the clipboard. (ctrl + shift + C)");
+        let tip = tr("Copies the image to the clipboard. (ctrl + shift + C)");
         if button(ui, tr("Copy"), tip) {
             task = Some(Task::Clipboard);
         }
@@ -214,7 +216,7 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
         ui,
         tr("Saved as"),
         tr(
-            "Numbered pictures in the format above; or a film, which the program ffmpeg makes where it is installed. WebM and WebP can be transparent.",
+            "Numbered images in the format above, or a video by the program ffmpeg. WebM and WebP can be transparent.",
         ),
         &mut settings.video,
         &[
@@ -226,9 +228,7 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
     );
     if settings.video.is_some() || viewer.session.project.scene.animation.keys.len() > 1 {
         let drag = number(&mut settings.frame_rate, 1..=240).suffix(tr(" frames a second"));
-        let response = ui
-            .add(drag)
-            .on_hover_text(tr("How fast the film is played."));
+        let response = ui.add(drag).on_hover_text(tr("Frame rate of the video."));
         named(&response, egui::Role::SpinButton, tr("Frame rate"));
     }
     let mut task = None;

@@ -97,7 +97,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         tip: if side == SOURCE {
             tr("How strong the light of the capture was: a stronger one leaves a darker object.")
         } else {
-            tr("How strong the light is; the object and an environment behind it get brighter. The picture's exposure is in the panel Look.")
+            tr("Strength of the light. The exposure of the image is in the panel Look.")
         },
         decimals: 2,
         ..Control::of(-8.0..=8.0, 0.0)
@@ -126,7 +126,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 fn suns(ui: &mut Ui, session: &mut Session) {
     if session.project.scene.environment.without_suns {
         let tip = tr(
-            "Its suns shine as they are in the picture; of those among the lights, one that was changed stays.",
+            "The environment gets its suns back. A converted sun that was changed stays among the lights.",
         );
         if button(ui, tr("Restore suns"), tip) {
             session.put_suns_back();
@@ -185,9 +185,7 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
 /// Where the sun stands, and how clear the air is; or a button that takes sun and sky.
 fn sky(ui: &mut Ui, session: &mut Session) {
     let Some(mut sky) = session.project.scene.environment.sky() else {
-        let tip = tr(
-            "The light of a day instead of a picture's: the sun stands where you put it, or where it stands at a place and time.",
-        );
+        let tip = tr("Physical sun and sky, by azimuth and elevation or by location and time.");
         if button(ui, tr("Sun and sky"), tip) {
             session.set_light(TARGET, SKY.into());
             // It is as bright as the hour makes it.
@@ -354,7 +352,7 @@ fn reading(ui: &mut Ui, session: &mut Session, side: usize) {
         (tr("mirror ball"), Some(Layout::MirrorBall)),
     ];
     let tip = tr(
-        "How the picture lays out what is all around: a panorama twice as wide as high, the faces of a cube as a cross or below each other, a light probe whose radius is an angle, or a photograph of a mirroring ball cut to its outline.",
+        "Layout of the image: panorama, cube cross, cube column, angular map, or the photograph of a mirror ball cut to its outline.",
     );
     if choice(ui, tr("Layout"), tip, &mut layout, &layouts) {
         session.set_reading(side, &ImageReading { layout, ..reading });

@@ -202,7 +202,7 @@ fn how_bright(ui: &mut Ui, light: &mut Light) {
             .speed(speed)
             .max_decimals(4)
             .suffix(format!(" {unit}"));
-        let drag = ui.add(drag).on_hover_text(tr("What it emits, in the unit of the pictures: a sun's irradiance on a surface that faces it, a point's or a spot's intensity, a soft box's radiance. A white surface that π W/m² fall on has radiance 1."));
+        let drag = ui.add(drag).on_hover_text(tr("Emission: irradiance of a sun, intensity of a point or spot, radiance of an area light. A white surface under π W/m² has radiance 1."));
         named(&drag, Role::SpinButton, tr("Emits"));
         if drag.changed() && shown != most {
             *emission = if most > 0.0 {
@@ -216,7 +216,7 @@ fn how_bright(ui: &mut Ui, light: &mut Light) {
         name(ui, tr("Colour"));
         let mut has_kelvin = light.kelvin.is_some();
         let check = ui.checkbox(&mut has_kelvin, tr("warmth")).on_hover_text(tr(
-            "The colour of a glowing body of that temperature: candles 1900 K, bulbs 2800 K, daylight 5600 K, shade 8000 K.",
+            "Colour temperature: candles 1900 K, bulbs 2800 K, daylight 5600 K, shade 8000 K.",
         ));
         if check.changed() {
             light.kelvin = has_kelvin.then_some(DAYLIGHT);
@@ -422,7 +422,7 @@ fn fixed_to(ui: &mut Ui, session: &mut Session, at: usize) {
     let each = objects.iter().enumerate();
     options.extend(each.map(|(of, called)| (called.as_str(), FixedTo::Object(of))));
     let tip = tr(
-        "What it goes along with when that is moved. Turntables and pictures by a file's cameras keep it where it is.",
+        "Moves the light along with the camera or an object. Images by a file's cameras keep it where it is.",
     );
     let light = &mut session.project.scene.lights[at];
     choice(ui, tr("Fixed to"), tip, &mut light.fixed_to, &options);

@@ -45,7 +45,7 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
     Control {
         label: tr("Exposure"),
         unit: tr(" stops"),
-        tip: tr("Brightness of the picture alone; no light changes. The light's own strength is in the panel Light."),
+        tip: tr("Brightness of the image alone. The light's own strength is in the panel Light."),
         decimals: 2,
         ..Control::of(-8.0..=8.0, 0.0)
     }
@@ -68,13 +68,11 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
     lut(ui, viewer);
     let scene = &mut viewer.session.project.scene;
     ui.checkbox(&mut scene.false_color, tr("False-colour exposure"))
-        .on_hover_text(tr(
-            "Shows how many stops from middle grey each part of the picture is.",
-        ));
+        .on_hover_text(tr("Shows stops from middle grey in false colours."));
     if scene.view == View::Difference {
         Control {
             label: tr("Difference x"),
-            tip: tr("What the difference of the two pictures is multiplied by; grey is none."),
+            tip: tr("Factor of the difference of the two images. Grey is none."),
             decimals: 1,
             logarithmic: true,
             ..Control::of(DIFFERENCE_SCALE, 1.0)
@@ -86,7 +84,7 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
 /// The table of colours over the whole picture.
 fn lut(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
-        let tip = tr("A look-up table (.cube) as colour grading makes them, applied last: to what is shown and to saved PNGs and films. It can be dropped on the window.");
+        let tip = tr("Colour LUT (.cube) that is applied last, to the view and to saved PNGs and videos. It can be dropped on the window.");
         if button(ui, tr("LUT…"), tip) {
             ask(
                 &mut viewer.session,
@@ -131,9 +129,8 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
             chosen = background;
         }
     }
-    let tip = tr(
-        "What is behind the object. A transparent one shows a checkerboard here and is empty in saved pictures.",
-    );
+    let tip =
+        tr("Background. A transparent one shows a checkerboard here and is empty in saved images.");
     if choice(ui, tr("Background"), tip, &mut chosen, &all) {
         scene.background = chosen;
     }
@@ -157,7 +154,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         Background::Checker | Background::Transparent => {}
     }
     let scene = &mut viewer.session.project.scene;
-    ui.checkbox(&mut scene.shadow_catcher, tr("Shadow on the ground")).on_hover_text(tr("The object's own visibility darkens a ground under it, in saved pictures too: on a transparent background it can be laid over anything."));
+    ui.checkbox(&mut scene.shadow_catcher, tr("Shadow on the ground")).on_hover_text(tr("Shadow catcher under the object, also in saved images. On a transparent background it can be laid over anything."));
 }
 
 /// The photograph behind the objects.
@@ -165,7 +162,7 @@ fn plate(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         let file = viewer.session.project.scene.plate.as_ref();
         let name = file.map_or(tr("none yet").into(), |file| file_name(file));
-        let tip = tr("A picture that the objects are put into, framed by its shorter edge. The camera that took it: drop a transforms.json or a folder of COLMAP's on the window.");
+        let tip = tr("Photograph behind the objects, framed by its shorter edge. For its camera, drop a transforms.json or a COLMAP folder on the window.");
         if button(ui, tr("Backplate…"), tip) {
             ask(
                 &mut viewer.session,

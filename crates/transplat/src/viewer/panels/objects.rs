@@ -80,7 +80,7 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
             session.selected = at;
         }
         chosen.on_hover_text(tr(
-            "The panels are about this object. A click on it in the picture selects it, too.",
+            "Selects this object for the panels, as a click on it in the image does.",
         ));
         if session.project.is_missing(at)
             && button(

@@ -139,7 +139,9 @@ fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     let can_try = !session.jobs.is_running(Kind::Extremes);
     let button = ui.add_enabled(can_try, Button::new(tr("Run extreme cases")));
-    let button = button.on_hover_text(tr("Relights small scenes of lights and surfels that ask much of the numbers, and holds the results against 64-bit ones. Takes half a minute."));
+    let button = button.on_hover_text(tr(
+        "Relights extreme scenes and compares with 64-bit results. Takes half a minute.",
+    ));
     if button.clicked() {
         session.try_extremes();
     }
@@ -147,7 +149,7 @@ fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
         ui.weak(line);
     }
     if !session.extremes.is_empty() {
-        ui.weak(tr("Black and one-coloured lights, a sun of a million skies, surfels without extent or far from the origin, ... with either preset; transplat report --extremes lists them."));
+        ui.weak(tr("Runs extreme lights and geometry with either preset. transplat report --extremes lists them."));
     }
 }
 
@@ -169,7 +171,7 @@ fn confidence(ui: &mut Ui, session: &mut Session) {
             ui.weak(tr("being counted"));
         }
     }
-    ui.checkbox(&mut session.overlays.marks, tr("Mark them in the picture"))
+    ui.checkbox(&mut session.overlays.marks, tr("Mark them in the image"))
         .on_hover_text(tr(
             "Paints Gaussians of low confidence in their colours. (K)",
         ));

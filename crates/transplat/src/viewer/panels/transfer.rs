@@ -72,7 +72,7 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
     ui.checkbox(&mut terms.suns, tr("Suns")).on_hover_text(tr("Small bright lights are taken out of the map and cast crisp shadows. Off, they are part of the sky."));
     ui.checkbox(&mut terms.bounce, tr("Bounced light"))
         .on_hover_text(tr(
-            "Surfels light each other. Off, whatever blocks the light is black.",
+            "Bounced light between Gaussians. Off, blockers are black.",
         ));
     ui.checkbox(&mut terms.two_sided, tr("Two-sided")).on_hover_text(tr("Thin things, like leaves, are lit from the side that is seen. Off, both sides have the front's light."));
     ui.checkbox(&mut terms.lobe, tr("Gloss")).on_hover_text(tr(
@@ -80,7 +80,7 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
     ));
     ui.checkbox(&mut terms.residual, tr("Residual"))
         .on_hover_text(tr(
-            "Keeps what none of these explains of the capture. Off, it is left out.",
+            "Keeps the residual of the capture that no other term explains.",
         ));
     ui.checkbox(&mut terms.emission, tr("Emission")).on_hover_text(tr(
         "Lamps, eyes and screens, which no light explains, keep shining as captured. Off, they are taken for paint.",
@@ -88,7 +88,7 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
     ui.add_enabled_ui(terms.emission, |ui| {
         Control {
             label: tr("Emission threshold"),
-            tip: tr("How many times brighter than the whitest surface in the same light a thing has to be to shine by itself. Less makes more of it glow, more makes less; the channel Glow shows what does."),
+            tip: tr("How many times brighter than the whitest surface in the same light a lamp is. The channel Emission shows what was found."),
             decimals: 2,
             logarithmic: true,
             ..Control::of(GLOW_RANGE, GLOW_ABOVE)
