@@ -391,8 +391,8 @@ impl Headless {
         summary: &mut Summary,
     ) -> Result<Vec<Relit>> {
         if !is_each {
-            let wanted = (light, Part::Whole, &[][..]);
-            return Ok(vec![self.relight(name, wanted, summary)?]);
+            let requested = (light, Part::Whole, &[][..]);
+            return Ok(vec![self.relight(name, requested, summary)?]);
         }
         self.report_light(name, light, summary)?;
         timed(summary, || self.shots.relit_objects(light))
@@ -417,7 +417,7 @@ impl Headless {
         Ok(())
     }
 
-    /// Tells what a light leaves out, and how strong it is: lights that are near as they are seen from the middle.
+    /// Reports the work that a light skips, and its strength: near lights as they are seen from the middle.
     fn report_light(
         &mut self,
         name: &str,

@@ -364,8 +364,8 @@ impl RenderRun<'_> {
                 written += self.animate(target, &unseen, summary)?;
                 continue;
             }
-            let wanted = (&light, view.part(), &unseen[..]);
-            let relit = self.headless.relight(&target.name, wanted, summary)?;
+            let requested = (&light, view.part(), &unseen[..]);
+            let relit = self.headless.relight(&target.name, requested, summary)?;
             let shots = &mut self.headless.shots;
             let layers = self.args.layers.then(|| shots.layers(relit.clone()));
             let (layers, lit) = (layers.transpose()?, shots.lit_by(view, Some(relit))?);
