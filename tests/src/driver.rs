@@ -45,6 +45,10 @@ impl Driver {
 
     /// The viewer with what it is opened with.
     pub fn open(startup: Startup, folder: Folder) -> Self {
+        let startup = Startup {
+            bakes_beside: true,
+            ..startup
+        };
         let harness = Harness::builder()
             .with_size(SIZE)
             .with_max_steps(64)

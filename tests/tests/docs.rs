@@ -5,12 +5,6 @@ use std::path::{Path, PathBuf};
 
 use transplat_tests::{root, run};
 
-/// Commands of the program, whose `--help` is the reference.
-const COMMANDS: [&str; 10] = [
-    "relight", "render", "delight", "convert", "bake", "estimate", "light", "probe", "info",
-    "report",
-];
-
 const OPTIONS: &str = "docs/reference/options.md";
 
 /// Pages that people read, from the root.
@@ -79,6 +73,71 @@ fn the_manual_lists_its_pages() {
     }
 }
 
+/// Commands of the program, as its help lists them.
+fn commands() -> Vec<String> {
+    let help = String::from_utf8(run(&["--help"]).stdout).expect("text");
+    let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1);
+    let listed = listed.take_while(|line| !line.is_empty());
+    let names = listed.filter_map(|line| line.split_whitespace().next());
+    let names = names.filter(|name| *name != "help").map(str::to_owned);
+    names.collect()
+}
+
+/// Words that an artist would not search for; the page of terms has the field's own.
+const BANNED: &str = "surfel surfels told tell tells doubt doubts beam beams veil veils shelf picture pictures film films gloss shine shines \
+    faint awaited asset";
+
+/// Most words of a sentence.
+const LONGEST: usize = 25;
+
+/// Texts for users: of the window, and of the manual without its code and tables of terms.
+fn texts() -> Vec<(String, String)> {
+    let window = root().join("assets/languages/transplat.pot");
+    let quoted = |line: &str| {
+        let line = line.strip_prefix("msgid ").unwrap_or(line);
+        line.strip_prefix('"')?.strip_suffix('"').map(str::to_owned)
+    };
+    let pot = read(&window);
+    let mut out: Vec<(String, String)> = pot
+        .split("\n\n")
+        .map(|entry| entry.lines().filter_map(quoted).collect::<String>())
+        .map(|text| ("window".into(), text.replace("\\n", "\n")))
+        .collect();
+    for page in pages() {
+        let name = page.strip_prefix(root()).expect("of the project");
+        let is_guide = name.starts_with("docs/guide") || name.ends_with("README.md");
+        let mut is_code = false;
+        for line in read(&page).lines().filter(|_| is_guide) {
+            is_code ^= line.starts_with("```");
+            if is_code || line.starts_with("    ") || line.starts_with("```") {
+                continue;
+            }
+            let spoken = line.split('`').step_by(2).collect::<Vec<_>>().join("code");
+            out.push((name.display().to_string(), spoken));
+        }
+    }
+    out
+}
+
+#[test]
+fn texts_for_users_are_in_the_words_of_the_field() {
+    let mut found = Vec::new();
+    for (place, text) in texts() {
+        // Names of values and files are not read.
+        let text = text.split(['{', '}']).step_by(2).collect::<String>();
+        let text = text.replace("](", "] (").replace("assets/", "");
+        let words = text.split(|c: char| !c.is_alphabetic());
+        let banned = words.map(str::to_lowercase);
+        let banned = banned.filter(|word| BANNED.split_whitespace().any(|b| b == word));
+        found.extend(banned.map(|word| format!("{place}: {word}: {text}")));
+        let sentences = text.split(['.', '!', '?', ';', ':', '\n', '|']);
+        for sentence in sentences.filter(|s| s.split_whitespace().count() > LONGEST) {
+            found.push(format!("{place}: long: {sentence}"));
+        }
+    }
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
 /// `UPDATE_DOCS=1` writes it.
 #[test]
 fn the_reference_has_the_options() {
@@ -86,7 +145,9 @@ fn the_reference_has_the_options() {
         "# Options\n\nThe program's own `--help`. Without a command it opens the window.\n",
     );
     let all = [("transplat", vec!["--help"])];
-    let each = COMMANDS.map(|command| (command, vec![command, "--help"]));
+    let commands = commands();
+    let each = commands.iter();
+    let each = each.map(|command| (command.as_str(), vec![command.as_str(), "--help"]));
     for (name, line) in all.into_iter().chain(each) {
         let help = run(&line).stdout;
         let help = String::from_utf8(help).expect("text");

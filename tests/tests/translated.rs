@@ -172,7 +172,7 @@ const NAMES: [&str; 13] = [
     "interior.hdr",
     "city.hdr",
     "small.cube",
-    "{asset}_{light}_{view}",
+    "{splat}_{light}_{view}",
     "English",
     "Deutsch",
     "Delete",
@@ -187,7 +187,7 @@ fn all_is_said_in_the_language() {
     let lut = d.folder.write("small.cube", small_lut());
     d.after(|v| v.open(lut.as_ref()));
     check(&d, "first");
-    for tab in ["Light", "Look", "Camera", "Asset", "Export", "Report"] {
+    for tab in ["Light", "Look", "Camera", "Objects", "Export", "Report"] {
         d.click(&format!("«{tab}»"));
         check(&d, tab);
         if d.harness.query_by_label("«Advanced»").is_some() {

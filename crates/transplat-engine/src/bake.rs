@@ -52,8 +52,39 @@ pub struct BakeRequest {
     pub optimizations: Optimizations,
     /// Whole that the cloud was cut out of.
     pub part_of: Option<PartOf>,
-    /// The asset beside which the bake may be kept; that of a part is kept in the user's cache.
-    pub beside: Option<PathBuf>,
+    /// Where the bake is saved; none where it is not.
+    pub place: Option<BakePlace>,
+}
+
+/// Place of what is made of a splat: in the user's cache, or beside the splat. What is in the other place is read, too.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BakePlace {
+    /// File of the splat.
+    pub splat: PathBuf,
+    /// True where it is saved beside the splat.
+    pub is_beside: bool,
+}
+
+impl BakePlace {
+    /// In the user's cache.
+    pub fn cached(splat: &Path) -> Self {
+        Self {
+            splat: splat.to_owned(),
+            is_beside: false,
+        }
+    }
+
+    /// Files that it may be in, the preferred first.
+    pub fn files(&self, cloud: &SurfelCloud, suffix: &str) -> Vec<PathBuf> {
+        let mut name = self.splat.file_name().unwrap_or_default().to_owned();
+        name.push(format!(".{suffix}"));
+        let mut files = vec![self.splat.with_file_name(name)];
+        files.extend(cached_file(cloud, suffix));
+        if !self.is_beside {
+            files.reverse();
+        }
+        files
+    }
 }
 
 /// Some surfels of an asset.
@@ -78,57 +109,51 @@ impl BakeRequest {
             Method::Harmonic => self.directions.to_string(),
             Method::Directional => "best".into(),
         };
-        let Some(asset) = &self.beside else {
+        let Some(place) = &self.place else {
             return Vec::new();
         };
         match self.part_of {
             Some(_) => cached_file(&self.cloud, &format!("part.{kind}.bake"))
                 .into_iter()
                 .collect(),
-            None => cache_files(asset, &self.cloud, &format!("{kind}.bake")),
+            None => place.files(&self.cloud, &format!("{kind}.bake")),
         }
     }
 }
 
-/// Where what is made of an asset may be kept: beside it, or in the user's cache.
-pub fn cache_files(asset: &Path, cloud: &SurfelCloud, suffix: &str) -> Vec<PathBuf> {
-    let mut name = asset.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".{suffix}"));
-    let beside = asset.with_file_name(name);
-    [Some(beside), cached_file(cloud, suffix)]
-        .into_iter()
-        .flatten()
-        .collect()
+fn cache_folder() -> Option<PathBuf> {
+    let folders = directories::ProjectDirs::from("", "", "transplat")?;
+    Some(folders.cache_dir().to_owned())
+}
+
+fn is_cached(file: &Path) -> bool {
+    cache_folder().is_some_and(|folder| file.starts_with(folder))
 }
 
 fn cached_file(cloud: &SurfelCloud, suffix: &str) -> Option<PathBuf> {
-    let folders = directories::ProjectDirs::from("", "", "transplat")?;
     let key = geometry_key(cloud);
-    Some(folders.cache_dir().join(format!("{key:016x}.{suffix}")))
+    Some(cache_folder()?.join(format!("{key:016x}.{suffix}")))
 }
 
-/// Bytes of the bakes of parts that are kept: every cut that is tried makes two.
-const MOST_OF_PARTS: u64 = 1 << 30;
+/// Bytes of bakes that the cache keeps.
+const MOST_CACHED: u64 = 8 << 30;
 
-/// Removes bakes of parts beside the newest one, those first that nobody has needed for longest, until there is room.
-fn forget_old_parts(newest: &Path) {
+/// Removes bakes beside the newest one in the cache, those first that nobody has needed for longest, until there is room.
+fn forget_old_bakes(newest: &Path) {
     let entries = newest
         .parent()
         .and_then(|folder| std::fs::read_dir(folder).ok());
-    let is_of_part = |path: &PathBuf| {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        name.contains(".part.") && name.ends_with(".bake")
-    };
+    let is_bake = |path: &PathBuf| path.extension().is_some_and(|e| e == "bake");
     let files = entries.into_iter().flatten().flatten().map(|e| e.path());
     let known = |path: PathBuf| {
         let told = path.metadata().ok()?;
         Some((told.modified().ok()?, told.len(), path))
     };
-    let mut parts: Vec<_> = files.filter(is_of_part).filter_map(known).collect();
-    parts.sort();
-    let mut all: u64 = parts.iter().map(|(_, bytes, _)| bytes).sum();
-    for (_, bytes, path) in parts {
-        if all > MOST_OF_PARTS && path != newest && std::fs::remove_file(path).is_ok() {
+    let mut bakes: Vec<_> = files.filter(is_bake).filter_map(known).collect();
+    bakes.sort();
+    let mut all: u64 = bakes.iter().map(|(_, bytes, _)| bytes).sum();
+    for (_, bytes, path) in bakes {
+        if all > MOST_CACHED && path != newest && std::fs::remove_file(path).is_ok() {
             all -= bytes;
         }
     }
@@ -206,7 +231,7 @@ pub fn refined(
             && bake.method() == wanted.method
             && bake.directions() == wanted.directions
         {
-            if wanted.part_of.is_some() {
+            if is_cached(file) {
                 // That it was needed keeps it; one that cannot be marked may go.
                 let opened = File::options().append(true).open(file);
                 let _ = opened.and_then(|f| f.set_modified(SystemTime::now()));
@@ -227,8 +252,8 @@ pub fn refined(
     let mut whole = baked(bake, 1.0, None, complaint);
     match keep(&files, |file| save_bake(file, &wanted.cloud, &whole.bake)) {
         Ok(file) => {
-            if wanted.part_of.is_some() {
-                forget_old_parts(&file);
+            if is_cached(&file) {
+                forget_old_bakes(&file);
             }
             whole.file = Some(file);
         }
@@ -376,7 +401,10 @@ mod tests {
                     directions,
                     optimizations: Optimizations::default(),
                     part_of: None,
-                    beside: Some(asset.clone()),
+                    place: Some(BakePlace {
+                        splat: asset.clone(),
+                        is_beside: true,
+                    }),
                 };
                 refined(&Device::Cpu, &wanted, None, &no_progress, preview).expect("a bake")
             };
@@ -413,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn of_parts_the_oldest_bakes_make_room() {
+    fn the_oldest_bakes_of_the_cache_make_room() {
         let folder = tempfile::tempdir().expect("a folder");
         let made = |name: &str, bytes: u64, age: u64| {
             let path = folder.path().join(name);
@@ -424,13 +452,27 @@ mod tests {
             file.set_modified(then).expect("a time");
             path
         };
-        let other = made("1.best.bake", MOST_OF_PARTS, 900);
-        let oldest = made("1.part.best.bake", MOST_OF_PARTS / 2, 300);
-        let kept = made("2.part.best.bake", MOST_OF_PARTS / 2, 200);
-        let newest = made("3.part.best.bake", MOST_OF_PARTS / 2, 100);
-        forget_old_parts(&newest);
+        let other = made("1.best.light", MOST_CACHED, 900);
+        let oldest = made("1.best.bake", MOST_CACHED / 2, 300);
+        let kept = made("2.part.best.bake", MOST_CACHED / 2, 200);
+        let newest = made("3.best.bake", MOST_CACHED / 2, 100);
+        forget_old_bakes(&newest);
         assert!(!oldest.exists());
         assert!(kept.exists() && newest.exists() && other.exists());
+    }
+
+    /// What one place has is read where the other is preferred.
+    #[test]
+    fn a_place_names_the_cache_first_unless_it_is_beside_the_splat() {
+        let cloud = synthetic::sphere_over_plate(50);
+        let [cached, beside] = [false, true].map(|is_beside| {
+            let splat = PathBuf::from("folder/ball.ply");
+            BakePlace { splat, is_beside }.files(&cloud, "best.bake")
+        });
+        let own = Path::new("folder/ball.ply.best.bake");
+        assert_eq!(beside[0], own);
+        assert_eq!(cached.last().map(PathBuf::as_path), Some(own));
+        assert_eq!(cached.len(), beside.len());
     }
 
     #[test]
@@ -449,7 +491,10 @@ mod tests {
                 directions: 32,
                 optimizations: Optimizations::default(),
                 part_of: None,
-                beside: Some(asset.clone()),
+                place: Some(BakePlace {
+                    splat: asset.clone(),
+                    is_beside: true,
+                }),
             };
             assert!(refined(&Device::Cpu, &wanted, None, &stop, |_| ()).is_err());
             let left = std::fs::read_dir(folder.path()).expect("it is there");

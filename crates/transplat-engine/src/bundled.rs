@@ -20,6 +20,11 @@ pub fn bundled(name: &str) -> Option<PathBuf> {
         .map(|path| path.canonicalize().unwrap_or(path))
 }
 
+/// True for a folder of what comes with the program.
+pub fn is_bundled(folder: &Path) -> bool {
+    bundled(BUNDLED_SPLAT).is_some_and(|splat| splat.parent() == Some(folder))
+}
+
 /// The environments of the bundled scene; the first is the one that its splat was captured under.
 pub const BUNDLED_LIGHTS: [&str; 3] = ["city.hdr", "sunset.hdr", "interior.hdr"];
 

@@ -19,7 +19,7 @@ use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, TransferCache};
 
-use crate::bake::{self, BakeRequest, PartOf};
+use crate::bake::{self, BakePlace, BakeRequest, PartOf};
 use crate::device::Device;
 use crate::language::tr;
 
@@ -96,12 +96,12 @@ impl Capture {
             directions: DIRECTIONS,
             optimizations,
             part_of: None,
-            beside: Some(self.path.clone()),
+            place: Some(BakePlace::cached(&self.path)),
         };
         let made = bake::refined(device, &wanted, None, progress, |_| ())?;
         match &*made.bake {
             Bake::Directional(bake) => Ok(self.bake.get_or_init(|| bake.clone()).clone()),
-            Bake::Harmonic(_) | Bake::Scene(_) => bail!(tr("the bake is for the other preset")),
+            Bake::Harmonic(_) | Bake::Scene(_) => bail!(tr("The bake is for the other preset.")),
         }
     }
 
@@ -113,7 +113,7 @@ impl Capture {
         take: impl FnOnce(&PreparedTransfer) -> Result<T>,
     ) -> Result<T> {
         let Some(bake) = self.known_bake() else {
-            bail!(tr("what it is cut out of is not baked"));
+            bail!(tr("the capture is not baked"));
         };
         self.waiting.fetch_add(1, Ordering::SeqCst);
         let mut kept = self
@@ -192,10 +192,4 @@ pub fn part_of(asset: &Path, object: &Object, whole: &SurfelCloud) -> Result<Arc
         );
     }
     Ok(surfels.into())
-}
-
-/// Where a part's bake may be kept: never in the place of the whole's.
-pub fn kept_beside(path: &Path, part: Option<&CutPart>, method: Method) -> Option<PathBuf> {
-    let is_told_apart = part.is_none() || method == Method::Directional;
-    is_told_apart.then(|| path.to_owned())
 }

@@ -10,14 +10,14 @@ use transplat_core::progress::Progress;
 use transplat_core::settings::Method;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 
-use super::bake::{cache_files, keep};
+use super::bake::{BakePlace, keep};
 
 /// Ending of an estimate's file, beside the bake.
 const SUFFIX: &str = "best.light";
 
 /// An estimate that was made before.
 pub fn kept(asset: &Path, cloud: &Arc<SurfelCloud>) -> Option<Estimate> {
-    let files = cache_files(asset, cloud, SUFFIX);
+    let files = BakePlace::cached(asset).files(cloud, SUFFIX);
     files.iter().find_map(|f| load_estimate(f, cloud).ok())
 }
 
@@ -26,14 +26,14 @@ pub fn kept(asset: &Path, cloud: &Arc<SurfelCloud>) -> Option<Estimate> {
 /// # Errors
 /// `progress` asked to stop.
 pub fn make_and_keep(
-    asset: &Path,
+    place: &BakePlace,
     cloud: &Arc<SurfelCloud>,
     bake: &DirectionalBake,
     progress: Progress<'_>,
 ) -> transplat_core::Result<Estimate> {
     let estimate = estimate_light(cloud, bake, progress)?;
     // Where nothing can be kept, it is estimated again the next time.
-    let _ = keep(&cache_files(asset, cloud, SUFFIX), |file| {
+    let _ = keep(&place.files(cloud, SUFFIX), |file| {
         save_estimate(file, cloud, &estimate)
     });
     Ok(estimate)

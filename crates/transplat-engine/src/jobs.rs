@@ -377,7 +377,7 @@ impl<E: Send + 'static> Jobs<E> {
                 false => beside_the_rest(kind.is_long(), || work(&handle)),
             };
             let result = catch_unwind(AssertUnwindSafe(work));
-            let internal = |_| Err(anyhow!(tr("an internal error; the scene is as it was")));
+            let internal = |_| Err(anyhow!(tr("Internal error. The scene is unchanged.")));
             let result = result.unwrap_or_else(internal);
             handle.post(Some(finish(result)), true);
             // Not before: the next one could be told as done first.

@@ -203,6 +203,8 @@ pub struct Project {
     pub inserted: Derived<InsertedKey, Arc<HarmonicScene>>,
     /// Joint relight that is shown.
     pub joint_relight: Derived<JointKey, ()>,
+    /// True where bakes are saved beside their splats, not in the user's cache.
+    pub bakes_are_beside: bool,
     /// Milliseconds from which on a relight is shown coarsely first.
     pub coarse_from_ms: f64,
     /// The objects that are shown as they were relit together, by their states.
@@ -293,6 +295,7 @@ impl Project {
             insertion: Derived::default(),
             inserted: Derived::default(),
             joint_relight: Derived::default(),
+            bakes_are_beside: false,
             coarse_from_ms: 250.0,
             together: Vec::new(),
             ground: Derived::default(),
@@ -570,7 +573,7 @@ impl Project {
         let is_open = files.iter().chain(others).any(|p| is_same_file(p, path));
         if path.exists() && is_open {
             bail!(tr_format!(
-                "{}: is open here and would be lost; choose another name",
+                "{}: this file is open and would be lost. Choose another name.",
                 path.display()
             ));
         }

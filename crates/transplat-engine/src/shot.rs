@@ -64,7 +64,10 @@ impl Shots {
     /// Nothing is shown.
     pub fn of(project: Project) -> Result<Self> {
         Ok(Self {
-            cloud: project.whole().cloud().context(tr("no object is shown"))?,
+            cloud: project
+                .whole()
+                .cloud()
+                .context(tr("No object is visible."))?,
             device: project.device.fastest(),
             project,
             warnings: Vec::new(),
@@ -126,7 +129,7 @@ impl Shots {
                 let prepared = self.project.shown_transfer();
                 let made = prepared.zip(self.project.shown_bake());
                 let (prepared, bake) = made.context(tr(
-                    "the objects are still being prepared; try again when that is done",
+                    "The objects are still being prepared. Try again when that is done.",
                 ))?;
                 let (transfer, warning) = self.device.transfer(&prepared)?;
                 self.warnings.extend(warning);

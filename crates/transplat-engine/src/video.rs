@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
 
 use anyhow::{Context as _, Result, anyhow, bail};
 use serde::{Deserialize, Serialize};
@@ -103,12 +104,23 @@ pub struct VideoEncoder {
     size: [usize; 2],
 }
 
+/// True where the program ffmpeg can be started; asked once.
+pub fn has_ffmpeg() -> bool {
+    static FOUND: OnceLock<bool> = OnceLock::new();
+    *FOUND.get_or_init(|| {
+        let mut asked = Command::new("ffmpeg");
+        let asked = asked.arg("-version").stdin(Stdio::null());
+        let status = asked.stdout(Stdio::null()).stderr(Stdio::null()).status();
+        status.is_ok_and(|status| status.success())
+    })
+}
+
 impl VideoEncoder {
     /// Begins one of frames of a size.
     pub fn new(path: &Path, size: [usize; 2], frame_rate: u32) -> Result<Self> {
         let format = VideoFormat::of(path).with_context(|| {
             let path = path.display();
-            format!("{path}: a film is .mp4, .webm or .webp")
+            format!("{path}: a video is .mp4, .webm or .webp")
         })?;
         let suffix = format!(".{}", format.extension());
         check_output(path)?;
@@ -128,7 +140,7 @@ impl VideoEncoder {
             .spawn()
             .map_err(|why| {
                 anyhow!(
-                    "{}: a film needs the program ffmpeg, which could not be started ({why}); on Debian: apt-get install ffmpeg. Numbered pictures do not need it",
+                    "{}: a video needs ffmpeg, which could not be started ({why}). Install it (Debian: apt-get install ffmpeg), or save numbered images",
                     path.display()
                 )
             })?;

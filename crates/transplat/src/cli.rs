@@ -112,6 +112,7 @@ pub struct OutputArgs {
 #[derive(Clone, Debug, Args)]
 pub struct AssetArgs {
     /// Splat (.ply, .spz, .sog or the folder of its meta.json, .splat, .ksplat, .glb, .gltf), or a look with its splat and settings
+    #[arg(value_name = "SPLAT")]
     pub asset: Option<PathBuf>,
     #[command(flatten)]
     pub options: AssetOptions,
@@ -339,6 +340,7 @@ fn image_format_parser() -> impl TypedValueParser<Value = ImageFormat> {
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
     /// Splat
+    #[arg(value_name = "SPLAT")]
     pub asset: PathBuf,
     /// Splat in another format
     #[arg(short, long, value_name = "OUT.ply|spz|sog|...")]
@@ -460,6 +462,7 @@ pub struct PanoramaArgs {
 #[derive(Debug, Args)]
 pub struct ReportArgs {
     /// Splat to measure, with --source [default: the bundled scene, with its path-traced truth]
+    #[arg(value_name = "SPLAT")]
     pub asset: Option<PathBuf>,
     #[command(flatten)]
     pub options: AssetOptions,

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use eframe::egui;
 use glam::{Quat, Vec3};
 use transplat::viewer::{ImageFormat, Startup, Task};
 use transplat_core::color::{Encoding, decode_sh, encode_sh};
@@ -314,7 +315,7 @@ fn what_is_added_stands_upright_and_in_other_units_is_made_as_large_as_the_scene
         let is_said = session
             .messages
             .iter()
-            .any(|m| m.text.contains("other units"));
+            .any(|m| m.text.contains("scale was matched"));
         assert_eq!(is_said, is_scaled, "{name}: {:?}", session.messages);
         let (object, state) = (session.object(), session.project.states.last());
         assert_eq!(object.transform.scale == 1.0, !is_scaled, "{name}");
@@ -645,4 +646,85 @@ fn what_is_opened_together_stands_side_by_side() {
     let mut d = Driver::bundled();
     d.after(|v| v.open_all(paths));
     check(&mut d, 5);
+}
+
+/// In a scene of several a splat replaces an object only where that is answered, and stands upright either way, also in the place of the
+/// first, whose up axis was another.
+#[test]
+fn a_splat_that_is_opened_among_others_is_asked_about() {
+    let mut d = ball_over_plate();
+    let ball = d.folder.path("other.ply");
+    write(&d.folder, "other.ply", &synthetic::sphere(300));
+    let scene = d.viewer().session.project.scene.clone();
+    d.after(|v| v.open(&ball));
+    d.click("Cancel");
+    assert_eq!(d.viewer().session.project.scene, scene);
+    d.after(|v| v.open(&ball));
+    d.click("Add to scene");
+    assert_eq!(d.viewer().session.project.scene.objects.len(), 3);
+    // In the place of the first: what stands on it stays upright in the world.
+    let in_world = |d: &mut Driver, at: usize, v: Vec3| {
+        let project = &d.viewer().session.project;
+        let turned = project.scene.objects[at].transform.rotation * v;
+        project.world_from_scene() * turned.as_dvec3()
+    };
+    d.after(|v| {
+        v.session.selected = 0;
+        v.session.object_mut().up = Some(UpAxis::PlusZ);
+    });
+    let last = in_world(&mut d, 1, Vec3::Z);
+    d.after(|v| v.open(&ball));
+    d.click("Replace plate");
+    let project = &d.viewer().session.project;
+    assert_eq!(project.called(0), "other");
+    let up = project.up_of(0);
+    assert!(in_world(&mut d, 0, up.direction()).z > 0.999);
+    assert!(in_world(&mut d, 1, Vec3::Z).dot(last) > 0.999);
+    // Where the first goes whose up axis is another, the rest stands as it stood.
+    d.after(|v| v.session.project.scene.objects[1].up = Some(UpAxis::PlusY));
+    let last = in_world(&mut d, 1, Vec3::Z);
+    d.after(|v| v.session.project.remove(0));
+    assert!(in_world(&mut d, 0, Vec3::Z).dot(last) > 0.999);
+}
+
+/// G moves the object with the pointer: a click ends it, Esc puts the object back, and one undo takes all of it back.
+#[test]
+fn an_object_follows_the_pointer_after_a_key() {
+    let mut d = ball_over_plate();
+    d.after(|v| v.session.selected = 1);
+    let place = |d: &mut Driver| d.viewer().session.project.scene.objects[1].transform;
+    let from = place(&mut d);
+    let at = egui::pos2(330.0, 280.0);
+    let go = |d: &mut Driver, to: egui::Pos2| {
+        d.harness.hover_at(to);
+        d.harness.step();
+        d.harness.step();
+    };
+    go(&mut d, at);
+    d.harness.key_press(egui::Key::G);
+    d.harness.step();
+    go(&mut d, at + egui::vec2(40.0, 0.0));
+    let moved = place(&mut d);
+    assert!(moved.translation.distance(from.translation) > 0.05);
+    d.harness.key_press(egui::Key::Z);
+    go(&mut d, at + egui::vec2(40.0, -30.0));
+    let along = place(&mut d).translation - from.translation;
+    assert!(
+        along.z.abs() > 0.02 && along.truncate().length() < 1e-4,
+        "{along}"
+    );
+    d.harness.key_press(egui::Key::Escape);
+    d.settle();
+    assert_eq!(place(&mut d), from);
+    d.harness.key_press(egui::Key::S);
+    d.harness.step();
+    go(&mut d, at + egui::vec2(150.0, 0.0));
+    d.harness.drag_at(at + egui::vec2(150.0, 0.0));
+    d.harness.drop_at(at + egui::vec2(150.0, 0.0));
+    d.settle();
+    let scaled = place(&mut d);
+    assert!(scaled.scale != from.scale);
+    go(&mut d, at);
+    assert_eq!(place(&mut d), scaled, "it is let go");
+    assert_eq!(d.viewer().session.selected, 1, "the click selects nothing");
 }

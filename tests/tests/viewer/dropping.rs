@@ -82,7 +82,7 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     let session = &d.viewer().session;
     assert_eq!(session.up(), UpAxis::PlusY);
     let mut told = session.messages.iter().map(|m| &m.text);
-    assert!(told.any(|text| text.contains("held with +y up")));
+    assert!(told.any(|text| text.contains("by its cameras: +y is up")));
     d.viewer().session.object_mut().up = Some(UpAxis::PlusX);
     d.after(|v| v.open(&cameras));
     assert_eq!(d.viewer().session.up(), UpAxis::PlusX);

@@ -163,6 +163,7 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
     );
     let scene = d.folder.write("few.json", scene);
     d.after(|v| v.open(Path::new(&scene)));
+    d.click("Discard");
     let session = &d.viewer().session;
     assert!(session.object().source.is_estimate() && session.source_is_assumed());
 }
@@ -186,7 +187,7 @@ fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was(
     d.viewer().open(&path);
     // What is told goes again after some seconds.
     let (start, mut told) = (Instant::now(), String::new());
-    while !(told.contains("set upright") && told.contains("how strong")) {
+    while !(told.contains("Set upright") && told.contains("strength of the capture")) {
         d.harness.step();
         let messages = d.viewer().session.messages.iter();
         told = messages.map(|m| m.text.clone()).collect();

@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 use eframe::egui::{Key, Modifiers};
-use transplat::viewer::Task;
+use egui_kittest::kittest::Queryable;
+use transplat::viewer::{Startup, Task};
 use transplat_core::files::{load_look, load_lut, save_look};
 use transplat_core::present::{Background, View};
 use transplat_tests::driver::Driver;
-use transplat_tests::{picture, psnr, small_lut};
+use transplat_tests::{Folder, picture, psnr, small_lut, small_splat};
 
 #[test]
 fn a_kept_look_and_a_kept_view_come_back_as_they_were() {
@@ -232,4 +233,71 @@ fn history_goes_back_to_any_step() {
     }
     d.viewer().session.project.scene.display.exposure = 0.0;
     assert_eq!(d.viewer().session.project.scene, start);
+}
+
+/// What a menu entry discards is asked about, and can be had back, its looks too.
+#[test]
+fn discarded_work_comes_back_from_an_autosave() {
+    let folder = Folder::empty();
+    folder.write("small.ply", small_splat(100));
+    let startup = Startup {
+        files: vec![folder.path("small.ply")],
+        work: Some(folder.path("kept/work.json")),
+        ..Startup::default()
+    };
+    let mut d = Driver::open(startup, folder);
+    // Nothing is changed yet: nothing is asked.
+    d.click("File");
+    d.harness.get_by_label("Revert");
+    assert!(d.harness.query_by_label("Discard").is_none());
+    d.after(|v| {
+        v.session.project.scene.environment.rotation = 70.0;
+        v.session.project.keep_look();
+    });
+    let scene = d.viewer().session.project.scene.clone();
+    d.harness.key_press_modifiers(Modifiers::CTRL, Key::N);
+    d.settle();
+    d.click("Cancel");
+    assert_eq!(d.viewer().session.project.scene, scene);
+    d.harness.key_press_modifiers(Modifiers::CTRL, Key::N);
+    d.settle();
+    d.click("Discard");
+    let session = &d.viewer().session;
+    assert!(session.asset().is_none() && session.project.scene.variants.is_empty());
+    d.harness.get_by_label("Drop a splat here");
+    // It is there at the next start, too.
+    let folder = Folder::empty();
+    let startup = Startup {
+        work: Some(d.folder.path("kept/work.json")),
+        ..Startup::default()
+    };
+    let mut again = Driver::open(startup, folder);
+    again.click("File");
+    again.click("Autosaves");
+    again.click("small, just now");
+    let back = &again.viewer().session.project.scene;
+    assert_eq!(back.environment.rotation, 70.0);
+    assert_eq!(back.variants.len(), 1);
+}
+
+/// A document is saved where it was opened, and reverted to that.
+#[test]
+fn a_document_is_saved_and_reverted() {
+    let mut d = Driver::bundled();
+    let path = d.folder.path("teapot.json");
+    let scene = d.viewer().session.project.scene_to_save();
+    save_look(&path, &scene).expect("room");
+    d.after(|v| v.open(&path));
+    d.click("Discard");
+    d.after(|v| v.session.project.scene.display.exposure = 1.0);
+    d.harness.key_press_modifiers(Modifiers::CTRL, Key::S);
+    d.settle();
+    let exposure = |path| load_look(path).expect("its own file").display.exposure;
+    assert_eq!(exposure(&path), 1.0);
+    d.after(|v| v.session.project.scene.display.exposure = -1.0);
+    d.click("File");
+    d.click("Revert");
+    d.click("Discard");
+    assert_eq!(d.viewer().session.project.scene.display.exposure, 1.0);
+    assert_eq!(exposure(&path), 1.0);
 }

@@ -128,7 +128,7 @@ fn a_light_is_added_placed_and_undone() {
     assert!(
         messages
             .iter()
-            .any(|m| m.text.contains("nothing of the objects"))
+            .any(|m| m.text.contains("Click or drag on an object"))
     );
     // They lie over the picture for a while.
     d.after(|v| v.session.messages.clear());
@@ -274,7 +274,7 @@ fn rigs_are_taken_opened_and_saved() {
     d.after(|v| v.session.open_rig(&splat));
     let session = &d.viewer().session;
     let last = session.messages.last().expect("a message");
-    assert!(last.is_error && last.text.contains("no rig"));
+    assert!(last.is_error && last.text.contains("not a light rig"));
     assert_eq!(told(&session.project.scene.lights), told(&scene.lights));
     // Nor one that is empty.
     let empty = d.folder.write("empty.json", r#"{"lights": []}"#);
@@ -499,6 +499,7 @@ fn keys_come_with_a_look_and_go_one_by_one() {
     let look = d.folder.path("keys.json");
     save_look(&look, &scene).expect("room");
     d.after(|v| v.open(&look));
+    d.click("Discard");
     let shown = bar(&d).expect("the timeline is shown");
     let left = |d: &mut Driver| {
         let scene = &d.viewer().session.project.scene;

@@ -73,7 +73,8 @@ fn a_light_that_moves_is_shown_coarsely_until_it_rests() {
 
     turn(120.0)(d.viewer());
     let start = Instant::now();
-    while d.viewer().session.project.not_final(View::After) != Some("coarse: the light changes") {
+    while d.viewer().session.project.not_final(View::After) != Some("Coarse: the light is changing")
+    {
         d.harness.step();
         assert!(start.elapsed() < PATIENCE, "it is never coarse");
     }

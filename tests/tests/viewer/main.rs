@@ -255,7 +255,8 @@ fn a_look_restores_everything() {
         session.project.pose.azimuth = 0.0;
     }
     assert!(psnr(&before, &d.picture()) < 30.0);
-    d.viewer().open(&path);
+    d.after(|v| v.open(&path));
+    d.click("Discard");
     let after = d.picture();
     assert!(psnr(&before, &after) > 60.0);
     let canonical = |mut scene: Scene| {
@@ -289,10 +290,10 @@ fn panels_change_settings_and_picture() {
     );
 
     // Each method has its own terms, and what is switched back is as it was.
-    d.click("Gloss");
+    d.click("Specular");
     assert!(!d.viewer().session.project.scene.transfer.terms.lobe);
     assert!(psnr(&first, &d.picture()) < 50.0);
-    d.click("Gloss");
+    d.click("Specular");
     d.click("preset paper");
     assert_eq!(
         d.viewer().session.project.scene.transfer.method,
@@ -384,7 +385,7 @@ fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
     let mut d = Driver::bundled();
     let bakes = |d: &mut Driver| d.viewer().session.project.stages.bake;
     let before = bakes(&mut d);
-    d.click("Asset");
+    d.click("Objects");
     d.click("Use this side as outside");
     let session = &d.viewer().session;
     let told = session.object().outside_from.clone();
@@ -432,8 +433,8 @@ fn the_work_of_last_time_comes_back() {
     let mut d = Driver::open(started(&[&splat]), Folder::empty());
     assert!(d.viewer().session.project.scene.environment.rotation == 0.0 && !work.exists());
     d.click("File");
-    d.click("Restore last session");
-    d.settle();
+    d.click("Autosaves");
+    d.click("small, just now");
     assert!((d.viewer().session.project.scene.environment.rotation - 70.0).abs() < 1e-6);
     d.viewer().keep_work();
     fs::rename(&splat, folder.path("moved.ply")).expect("it is there");

@@ -59,7 +59,7 @@ fn every_control_has_a_name() {
     let mut d = Driver::bundled();
     let lut = d.folder.write("small.cube", small_lut());
     d.after(|v| v.open(lut.as_ref()));
-    for tab in ["Light", "Look", "Camera", "Asset", "Export", "Report"] {
+    for tab in ["Light", "Look", "Camera", "Objects", "Export", "Report"] {
         d.click(tab);
         check(&d, tab);
         if d.harness.query_by_label("Advanced").is_some() {

@@ -44,7 +44,7 @@ impl Project {
             self.info(warning.clone());
         }
         self.info(tr_format!(
-            "{}: {} cameras; the panel Camera chooses among them",
+            "{}: {} cameras. Choose one in the panel Camera.",
             path.display(),
             file.frames.len()
         ));
@@ -79,7 +79,10 @@ impl Project {
         };
         if up != object.up.unwrap_or(asset.file_up) {
             object.up = Some(up);
-            self.info(tr_format!("it was set upright: its cameras were held with {name} up; the panel Asset has its up axis", name = up.name()));
+            self.info(tr_format!(
+                "Set upright by its cameras: {name} is up. The panel Objects changes it.",
+                name = up.name()
+            ));
         }
         true
     }
@@ -110,14 +113,14 @@ impl Project {
         if let Some(photograph) = &found {
             if last.as_ref() != found.as_ref() {
                 self.info(tr_format!(
-                    "{}: the photograph of this camera is shown behind",
+                    "{}: photograph of this camera shown as the background.",
                     photograph.display()
                 ));
             }
             self.set_backplate(photograph.clone());
         } else if let Some(picture) = &frame.picture {
             self.info(tr_format!(
-                "{picture}: the photograph of this camera is not beside its file, nor in images/",
+                "{picture}: photograph not found beside the camera file or in images/.",
                 picture = picture
             ));
         }

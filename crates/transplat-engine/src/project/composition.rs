@@ -8,12 +8,12 @@ use transplat_core::numeric::quantile;
 use transplat_core::scene::{
     Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, SCALES, Transform,
 };
-
-use transplat_core::surfels::{Bounds, SurfelFilter};
+use transplat_core::surfels::{Bounds, SurfelFilter, UpAxis};
 
 use crate::language::{tr, tr_format};
 use crate::names::{distinct_names, name_of};
 use crate::project::{Notice, Project};
+use crate::splat::OpenedWith;
 
 /// Where an object stands on the surface below it, a robust highest point counts: that share of the surfels may stick out.
 const STICKING_OUT: f32 = 0.001;
@@ -78,6 +78,64 @@ impl Project {
         transform.translation += middle - place(transform);
     }
 
+    /// Where an object is that a splat is opened in the place of, in a scene of several.
+    pub(crate) fn replaced(&self, at: usize, opened_with: &OpenedWith) -> Option<Bounds> {
+        let is_opened = matches!(opened_with, OpenedWith::Object(..));
+        let is_one_of_several = is_opened && self.scene.objects.len() > 1;
+        let asset = self.states[at]
+            .asset
+            .as_ref()
+            .filter(|_| is_one_of_several)?;
+        let transform = self.scene.objects[at].transform;
+        Some(asset.bounds.transformed(transform.scene_from_object()))
+    }
+
+    /// Stands an object upright in the place of another; `scene_up` was the scene's up axis before.
+    pub(crate) fn take_place(&mut self, at: usize, last: Bounds, scene_up: UpAxis) {
+        let Some(asset) = &self.states[at].asset else {
+            return;
+        };
+        let bounds = asset.bounds;
+        self.scene.objects[at].name = None;
+        self.scene.objects[at].transform = Transform {
+            translation: last.center - bounds.center,
+            ..Transform::default()
+        };
+        self.in_the_same_units(
+            at,
+            Bounds {
+                center: last.center,
+                ..bounds
+            },
+            &last,
+        );
+        if at == 0 {
+            self.keep_upright(scene_up);
+        }
+        self.stand_upright(at);
+        self.drop_to_ground(at);
+    }
+
+    /// Turns what stands in the scene along, where another object has become the first and with it another axis is up: it stays as it stands
+    /// in the world.
+    fn keep_upright(&mut self, last: UpAxis) {
+        let turn = self.scene_up().asset_from_world() * last.asset_from_world().transpose();
+        let turn = Quat::from_mat3(&turn.as_mat3()).normalize();
+        if turn.is_near_identity() {
+            return;
+        }
+        for object in &mut self.scene.objects {
+            let transform = &mut object.transform;
+            transform.rotation = (turn * transform.rotation).normalize();
+            transform.translation = turn * transform.translation;
+        }
+        let cameras = self.scene.bookmarks.iter_mut().map(|b| &mut b.camera);
+        for camera in cameras.chain([&mut self.pose]) {
+            camera.pivot = turn * camera.pivot;
+        }
+        self.followed = None;
+    }
+
     /// Puts what was added beside the others on their ground, unless it is smaller than such a share of them.
     pub fn find_room(&mut self, at: usize, small: f32) {
         let of = |at: usize| {
@@ -127,9 +185,9 @@ impl Project {
             format!("{times:.0e}")
         };
         self.info(if ratio > 1.0 {
-            tr_format!("it was {times} times as large as what is here, in other units, it seems: it was made as large; the panel Asset has its scale", times = times)
+            tr_format!("The splat was {times} times larger than the scene. Its scale was matched (panel Objects).", times = times)
         } else {
-            tr_format!("what is here was {times} times as large, in other units, it seems: it was made as large; the panel Asset has its scale", times = times)
+            tr_format!("The splat was {times} times smaller than the scene. Its scale was matched (panel Objects).", times = times)
         });
         Bounds {
             radius: factor * own.radius,
@@ -157,7 +215,7 @@ impl Project {
     fn add(&mut self, object: Object) {
         if self.scene.objects.len() >= MOST_OBJECTS {
             self.error(tr_format!(
-                "a scene holds up to {MOST_OBJECTS} objects",
+                "A scene holds up to {MOST_OBJECTS} objects. Remove some first.",
                 MOST_OBJECTS = MOST_OBJECTS
             ));
             return;
@@ -211,20 +269,18 @@ impl Project {
             (0..asset.cloud.len()).partition(is_inside);
         if inside.is_empty() || outside.is_empty() {
             let what = if inside.is_empty() {
-                tr("nothing")
+                tr("Nothing")
             } else {
-                tr("all of it")
+                tr("Everything")
             };
             self.info(tr_format!(
-                "{what} lies in the crop box: move its sides",
+                "{what} lies in the crop box. Move its sides.",
                 what = what
             ));
             return;
         }
         if object.cut.len() >= MOST_CUTS || self.scene.objects.len() >= MOST_OBJECTS {
-            self.error(tr(
-                "there are too many cuts, or too many objects, for another one: remove some first",
-            ));
+            self.error(tr("Too many cuts or objects. Remove some first."));
             return;
         }
         let part = |cut: Cut, surfels: &[usize]| {
@@ -262,7 +318,7 @@ impl Project {
         if self.scene.objects[at].locked {
             let called = self.called(at);
             self.info(tr_format!(
-                "{called} is locked; unlock it to remove it",
+                "{called} is locked. Unlock it to remove it.",
                 called = called
             ));
             return;
@@ -272,6 +328,7 @@ impl Project {
 
     /// Removes an object from the scene, locked or not.
     pub fn remove(&mut self, at: usize) {
+        let scene_up = self.scene_up();
         self.scene.objects.remove(at);
         let kept = self.scene.variants.iter_mut();
         let kept = kept.flat_map(|kept| &mut kept.look.lights);
@@ -280,6 +337,7 @@ impl Project {
         }
         let others = (0..self.states.len()).filter(|other| *other != at);
         self.arrange(&others.map(Some).collect::<Vec<_>>());
+        self.keep_upright(scene_up);
         self.notices.push(Notice::Removed(at));
     }
 

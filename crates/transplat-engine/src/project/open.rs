@@ -38,6 +38,23 @@ impl Project {
         open.any(|asset| asset.path == path)
     }
 
+    /// Shows a scene without a splat.
+    pub fn start_empty(&mut self, scene: Scene) {
+        self.cameras = None;
+        self.arrange(&[None]);
+        self.take_over(scene);
+    }
+
+    /// Shows a splat in the place of an object.
+    pub fn replace_object(&mut self, at: usize, path: PathBuf) {
+        // Nothing is told of it: its light is estimated.
+        let object = Object {
+            source: EnvironmentLight::of(ESTIMATE),
+            ..Object::default()
+        };
+        self.load_splat(at, path, OpenedWith::Object(Box::new(object), None));
+    }
+
     /// Shows a scene: its objects keep what is made of them where they are open already.
     pub fn take_over(&mut self, mut scene: Scene) {
         if scene.objects.len() > 1 {
@@ -259,6 +276,8 @@ impl Project {
         for warning in asset.warnings.clone() {
             self.info(warning);
         }
+        let replaced = self.replaced(at, &opened_with);
+        let scene_up = self.scene_up();
         let object = &mut self.scene.objects[at];
         let is_unset = match &opened_with {
             OpenedWith::Object(opened, _) => {
@@ -303,7 +322,7 @@ impl Project {
         }
         if object.source.file.as_deref().is_some_and(is_even) {
             self.info(tr_format!(
-                "The capture light is unknown, and uniform white is assumed. {drop_it}",
+                "The capture light is unknown; uniform white is assumed. {drop_it}",
                 drop_it = tr(DROP_IT)
             ));
         }
@@ -314,7 +333,6 @@ impl Project {
         let mut others = self.states.iter();
         let twin = others.find(|s| s.asset.as_ref().is_some_and(is_twin));
         let bakes = twin.map(ObjectState::kept_bakes).unwrap_or_default();
-        self.report_replaced(at, &asset.path);
         let last = &mut self.states[at];
         let (is_added, seeks_room) = (last.is_added, last.seeks_room);
         let mut source = last.source.clone();
@@ -333,6 +351,9 @@ impl Project {
             last.estimate.set((), estimate);
         }
         self.look_at_opened(&opened_with);
+        if let Some(last) = replaced {
+            self.take_place(at, last, scene_up);
+        }
         if is_added {
             self.notices.push(Notice::Added(at));
             if let Some(small) = seeks_room {
@@ -352,33 +373,29 @@ impl Project {
             object.up = Some(up);
             let name = up.name();
             self.info(match evidence {
-                UpEvidence::Ground => tr_format!("it was set upright: the ground in it faces {name}; the panel Asset has its up axis", name = name),
-                UpEvidence::Stance => tr_format!("it was set upright as it seems to stand, {name} up; the panel Asset has its up axis", name = name),
+                UpEvidence::Ground => tr_format!(
+                    "Set upright by its ground: {name} is up. The panel Objects changes it.",
+                    name = name
+                ),
+                UpEvidence::Stance => tr_format!(
+                    "Set upright by its stance: {name} is up. The panel Objects changes it.",
+                    name = name
+                ),
             });
         }
         if asset.proposed_crop.is_some() && self.scene.objects[at].hide.is_off() {
-            self.info(
-                tr("the object seems to lie in a capture of its surroundings; \"Crop to the object\" in the panel Asset hides them"),
-            );
+            self.info(tr(
+                "The capture has surroundings. “Crop to the object” (panel Objects) hides them.",
+            ));
         }
         let is_unknown = self.scene.objects[at].source.is_estimate();
         if is_unknown && self.scene.objects.len() == 1 && !self.scene.match_strength {
             self.scene.match_strength = true;
             self.matches_by_itself = true;
             self.info(
-                tr("how strong the light of its capture was is not known: the new light leaves it about as bright as it was; the panel Light has the switch"),
+                tr("The strength of the capture light is unknown, so Match exposure is on (panel Light)."),
             );
         }
-    }
-
-    /// Says what a splat takes the place of, where others stay.
-    fn report_replaced(&mut self, at: usize, path: &Path) {
-        let last = self.states[at].asset.as_ref().map(|a| a.path.clone());
-        let Some(last) = last.filter(|last| self.scene.objects.len() > 1 && last != path) else {
-            return;
-        };
-        let [new, last] = [path, &last].map(|p| p.file_name().unwrap_or_default().display());
-        self.info(tr_format!("{new} took the place of {last}, the selected object; undo brings that back, and \"Add to scene\" (panel Asset) puts splats beside the others", new = new, last = last));
     }
 
     /// Points the camera at what was opened, where nobody has pointed it elsewhere.

@@ -25,7 +25,7 @@ impl Project {
         };
         let is_relit = (0..self.states.len()).any(|at| canvas.live().has_relit(at));
         if !is_relit {
-            self.error(tr("there is nothing relit to be pinned yet"));
+            self.error(tr("Nothing is relit yet, so there is nothing to pin."));
             return;
         }
         if self.pin_what_is_shown(&canvas, self.scene.display) {
@@ -113,7 +113,7 @@ impl Project {
     fn pin_jointly(&mut self, canvas: &Canvas, display: Display) -> bool {
         let Some((members, scene)) = self.scene_transfer_of_now() else {
             self.error(tr(
-                "the objects are still being prepared; try again when that is done",
+                "The objects are still being prepared. Try again when that is done.",
             ));
             return false;
         };
@@ -172,7 +172,7 @@ impl Project {
         }
         if kept.len() == MOST_KEPT {
             return self.error(tr_format!(
-                "a scene keeps {MOST_KEPT} looks; remove some",
+                "A scene holds up to {MOST_KEPT} looks. Remove some first.",
                 MOST_KEPT = MOST_KEPT
             ));
         }

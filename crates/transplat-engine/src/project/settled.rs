@@ -18,10 +18,10 @@ impl Project {
         }
         let shown = || self.shown().map(|(at, ..)| &self.states[at]);
         if shown().any(|state| state.relit.get().is_none()) {
-            return Some(tr("not relit yet: as captured"));
+            return Some(tr("Not relit yet"));
         }
         if shown().any(ObjectState::is_coarse) {
-            return Some(tr("coarse: the light changes"));
+            return Some(tr("Coarse: the light is changing"));
         }
         let method = self.scene.transfer.method;
         let is_whole = |state: &ObjectState| {
@@ -35,12 +35,12 @@ impl Project {
         if !shown().all(is_whole) {
             let is_stopped = self.shown().any(|(at, ..)| self.is_stopped(at));
             return Some(match is_stopped {
-                true => tr("coarse: visibility is baked in part"),
-                false => tr("coarse: visibility is being baked"),
+                true => tr("Coarse: partly baked"),
+                false => tr("Coarse: baking visibility"),
             });
         }
         let is_traced = !self.is_composed() || self.is_traced();
-        (!is_traced).then_some(tr("coarse: light between the objects is being traced"))
+        (!is_traced).then_some(tr("Coarse: tracing light between objects"))
     }
 
     /// Checks that what is shown is loaded as its settings say.
@@ -60,7 +60,7 @@ impl Project {
             return Ok(());
         };
         bail!(tr_format!(
-            "{name} is still being loaded; try again when that is done",
+            "{name} is still loading. Try again when that is done.",
             name = name
         ))
     }

@@ -239,7 +239,7 @@ fn estimated_near(
         directions: DIRECTIONS,
         optimizations: scene.transfer.optimizations,
         part_of: None,
-        beside: None,
+        place: None,
     };
     let bake = || bake::bake(&headless.shots.device, &wanted, &no_progress);
     let Bake::Directional(bake) = summary.time("bake", bake)? else {

@@ -1,14 +1,17 @@
 //! Actions of keys and menu entries.
 
-use eframe::egui::{self, Key};
+use eframe::egui::{self, Key, Modifiers};
 use transplat_core::present::Background;
 use transplat_core::scene::Scene;
 
 use super::app::Viewer;
+use super::document::NextScene;
 use super::export::task::Task;
 use super::files::ask;
+use super::gestures::NavigationPreset;
 use super::menus::COMPARE;
 use super::navigation;
+use super::questions::{Answer, Question};
 use super::session::{Dialog, SaveKind};
 use super::shortcuts::{ARROWS, Action, SHORTCUTS};
 use transplat_engine::jobs::Kind;
@@ -18,12 +21,16 @@ impl Viewer {
     pub(super) fn keys(&mut self, context: &egui::Context) {
         if context.text_edit_focused()
             || self.shown.path_field.is_some()
-            || self.replacing.is_some()
+            || self.question.is_some()
             || self.quitting.is_some()
             // What is typed while the desktop's dialog comes is for that.
             || self.session.jobs.is_running(Kind::Dialog)
         {
             return;
+        }
+        let is_blender = self.preferences.navigation == NavigationPreset::Blender;
+        if is_blender {
+            self.numpad_keys(context);
         }
         // The arrows belong to a slider that was reached by Tab.
         let focused = context.egui_wants_keyboard_input();
@@ -42,7 +49,7 @@ impl Viewer {
                     actions.extend(std::iter::repeat_n((*action, fine), presses));
                 };
                 if ARROWS.contains(key) {
-                    take(egui::Modifiers::SHIFT, true);
+                    take(Modifiers::SHIFT, true);
                 }
                 take(*modifiers, false);
             }
@@ -62,10 +69,53 @@ impl Viewer {
         }
         for (number, path) in (1..=9).zip(&self.light_library.paths) {
             let key = Key::from_name(&number.to_string());
-            let is_pressed = |k| context.input_mut(|i| i.consume_key(egui::Modifiers::NONE, k));
+            let modifiers = if is_blender {
+                Modifiers::ALT
+            } else {
+                Modifiers::NONE
+            };
+            let is_pressed = |k| context.input_mut(|i| i.consume_key(modifiers, k));
             if key.is_some_and(is_pressed) {
                 self.session.set_light(TARGET, path.clone());
             }
+        }
+    }
+
+    /// Looks from a side, turns or frames by the digits, as Blender does by the numeric keypad. The system tells them from the other digits
+    /// only where NumLock is off.
+    fn numpad_keys(&mut self, context: &egui::Context) {
+        let pose = &mut self.session.project.pose;
+        let mut frames = false;
+        context.input_mut(|i| {
+            let mut pressed = |modifiers, key| i.consume_key(modifiers, key);
+            for (key, near, far) in [
+                (Key::Num1, navigation::FRONT, navigation::BACK),
+                (Key::Num3, navigation::RIGHT, navigation::LEFT),
+                (Key::Num7, navigation::TOP, navigation::BOTTOM),
+            ] {
+                if pressed(Modifiers::CTRL, key) {
+                    navigation::look_from(pose, far);
+                } else if pressed(Modifiers::NONE, key) {
+                    navigation::look_from(pose, near);
+                }
+            }
+            for (key, azimuth, elevation) in [
+                (Key::Num4, -15.0, 0.0),
+                (Key::Num6, 15.0, 0.0),
+                (Key::Num2, 0.0, -15.0),
+                (Key::Num8, 0.0, 15.0),
+                (Key::Num9, 180.0, 0.0),
+            ] {
+                if pressed(Modifiers::NONE, key) {
+                    pose.azimuth = navigation::wrap(pose.azimuth + azimuth);
+                    pose.elevation = (pose.elevation + elevation).clamp(-90.0, 90.0);
+                }
+            }
+            pose.orthographic ^= pressed(Modifiers::NONE, Key::Num5);
+            frames = pressed(Modifiers::NONE, Key::Period);
+        });
+        if frames {
+            self.session.project.frame_all();
         }
     }
 
@@ -76,7 +126,12 @@ impl Viewer {
         match action {
             Action::Open => ask(session, Dialog::Open),
             Action::OpenFolder => ask(session, Dialog::OpenFolder),
-            Action::SaveLook => self.ask_where(SaveKind::Look, "json"),
+            Action::New => self.replace_scene(NextScene::Empty),
+            Action::SaveLook => self.save_document(None),
+            Action::SaveLookAs => {
+                self.document.next = None;
+                self.ask_where(SaveKind::Look, "json");
+            }
             Action::ExportSplat => self.ask_where(SaveKind::Splat, self.splat_ending()),
             Action::Screenshot => self.export(Task::Screenshot(None)),
             Action::Copy => self.export(Task::Clipboard),
@@ -107,6 +162,7 @@ impl Viewer {
             Action::LastView => session.next_view(false),
             Action::NextLook => session.next_look(true),
             Action::LastLook => session.next_look(false),
+            Action::Transform(by) => self.viewport.asked_transform = Some(by),
             Action::Grid => session.overlays.grid = !session.overlays.grid,
             Action::Probes => self.preferences.probes = !self.preferences.probes,
             Action::Timeline => self.timeline.is_shown = !self.timeline.is_shown,
@@ -133,6 +189,30 @@ impl Viewer {
             Action::NudgeRight => target.rotation = navigation::wrap(target.rotation - step),
             Action::NudgeUp => target.tilt = navigation::wrap(target.tilt + step),
             Action::NudgeDown => target.tilt = navigation::wrap(target.tilt - step),
+        }
+    }
+
+    /// Shows the question that is open, and does as it is answered.
+    pub(super) fn answer_question(&mut self, context: &egui::Context) {
+        let Some(asked) = self.question.take() else {
+            return;
+        };
+        let selected = self.session.selected;
+        let called = self.session.project.called(selected);
+        let Some(answer) = asked.ask(context, &self.document_name(), &called) else {
+            self.question = Some(asked);
+            return;
+        };
+        match (answer, asked) {
+            (Answer::Overwrite, Question::Overwrite(path, kind)) => self.save_to(&path, kind, true),
+            (Answer::Save, Question::Discard(next)) => self.save_document(Some(next)),
+            (Answer::Discard, Question::Discard(next)) => self.show_next(next),
+            (Answer::Add, Question::AddOrReplace(path)) => self.session.project.add_object(path),
+            (Answer::Replace, Question::AddOrReplace(path)) => {
+                self.autosave();
+                self.session.project.replace_object(selected, path);
+            }
+            _ => {}
         }
     }
 

@@ -101,7 +101,7 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
     if view == View::Emission {
         let entry = |(share, text): (f32, &str)| (encoded(emission_color(share)), text.into());
         let entries = [
-            (1.0, tr("shines by itself")),
+            (1.0, tr("emits light")),
             (0.5, tr("half")),
             (0.0, tr("is lit")),
         ];
@@ -209,10 +209,10 @@ pub fn mark_surfel(ui: &Ui, rect: Rect, session: &Session, camera: &Camera, surf
 /// A doubt's name for the user.
 pub fn low_confidence_name(low_confidence: LowConfidence) -> &'static str {
     match low_confidence {
-        LowConfidence::LeftOut => tr("hidden: broken or too faint"),
-        LowConfidence::DarkSource => tr("dark in the light of the capture"),
+        LowConfidence::LeftOut => tr("hidden: invalid or nearly transparent"),
+        LowConfidence::DarkSource => tr("dark in the capture light"),
         LowConfidence::Clipped => tr("captured clipped at white"),
         LowConfidence::AtLimit => tr("ratio beyond 3 stops"),
-        LowConfidence::AmbiguousNormal => tr("ambiguous normal"),
+        LowConfidence::AmbiguousNormal => tr("uncertain normal orientation"),
     }
 }

@@ -12,6 +12,7 @@ use transplat_core::settings::optimizations::{Optimization, SkippedWork, Stage};
 use transplat_gpu::Context;
 
 use super::bookmarks::Thumbnails;
+use super::document::{NextScene, SceneDocument};
 use super::export;
 use super::export::task::{ExportSettings, Task};
 use super::files::{PathField, ask};
@@ -20,6 +21,7 @@ use super::light_library::LightLibrary;
 use super::light_map::LightMap;
 use super::preferences::Preferences;
 use super::probes::ProbeBall;
+use super::questions::Question;
 use super::session::{Dialog, Event, SaveKind, Session};
 use super::style;
 use super::tabs::LightPage;
@@ -35,6 +37,15 @@ use transplat_engine::splat::OpenedWith;
 use transplat_engine::words::of_error;
 use transplat_eval::savings::Saved;
 
+/// True for a look that comes with its splats.
+fn has_objects(scene: &Scene) -> bool {
+    let mut assets = scene
+        .objects
+        .iter()
+        .filter_map(|object| object.asset.as_ref());
+    assets.any(|asset| asset.exists())
+}
+
 /// Where the preferences are kept.
 pub(super) const STORAGE_KEY: &str = "preferences";
 
@@ -44,6 +55,9 @@ const DROP_WAIT_S: f64 = 0.15;
 /// Height in pixels of a screen that is called large, and how much larger text is there.
 const LARGE_SCREEN: f32 = 1400.0;
 const LARGE_TEXT: f32 = 1.25;
+
+/// Points of the screen that the window's frame and a task bar need.
+const SCREEN_MARGIN: egui::Vec2 = egui::vec2(0.0, 64.0);
 
 /// Files and settings that the viewer opens with.
 #[derive(Default)]
@@ -56,6 +70,8 @@ pub struct Startup {
     pub bake: Option<PathBuf>,
     /// Where the work is kept for the next start.
     pub work: Option<PathBuf>,
+    /// True where bakes are saved beside their splats for now, whatever the preferences say.
+    pub bakes_beside: bool,
     /// Where compiled pipelines are kept.
     pub pipelines: Option<PathBuf>,
     /// Gets what ended the window against the user's will.
@@ -117,8 +133,10 @@ pub struct Viewer {
     /// Scene and camera of the last preview, and of the next one.
     pub(super) previewed: Option<(Scene, CameraPose)>,
     asked_preview: Option<(Scene, CameraPose)>,
-    /// A file that would be written over, to be asked about.
-    pub(super) replacing: Option<(PathBuf, SaveKind)>,
+    /// Question that waits for its answer.
+    pub(super) question: Option<Question>,
+    /// File of the work.
+    pub(super) document: SceneDocument,
     /// Lights that the sides had when they were last put on the shelf.
     pub(super) last_lights: [u64; 2],
     /// Where the look is kept should the device be lost.
@@ -130,6 +148,8 @@ pub struct Viewer {
     pub(super) title: String,
     /// True where no settings of an earlier start were found.
     is_first_start: bool,
+    /// True once the window was fitted to the screen.
+    fits_screen: bool,
 }
 
 impl Viewer {
@@ -163,6 +183,7 @@ impl Viewer {
             preferences.scene(),
         );
         session.overlays.grid = preferences.grid;
+        session.project.bakes_are_beside = preferences.bakes_beside || startup.bakes_beside;
         let mut viewer = Self {
             light_library: LightLibrary::default(),
             session,
@@ -192,7 +213,8 @@ impl Viewer {
             preview: None,
             previewed: None,
             asked_preview: None,
-            replacing: None,
+            question: None,
+            document: SceneDocument::default(),
             last_lights: [0; 2],
             recovery: directories::ProjectDirs::from("", "", "transplat")
                 .map(|d| d.cache_dir().join("recovered_look.json")),
@@ -201,6 +223,7 @@ impl Viewer {
             fatal: startup.fatal.clone(),
             title: String::new(),
             is_first_start,
+            fits_screen: false,
             preferences,
         };
         // What is spoken before is English.
@@ -230,7 +253,7 @@ impl Viewer {
         let is_named = !startup.files.is_empty() || startup.settings.is_some();
         if is_named || startup.bake.is_some() {
             self.set_work_aside();
-        } else if self.bring_back_work() {
+        } else if self.restore_work() {
             return;
         }
         let mut scene = self.session.project.scene.clone();
@@ -287,7 +310,7 @@ impl Viewer {
                     .load_splat(self.session.selected, asset, opened_with)
             }
             None if nothing_named => self.session.error(tr(
-                "the bundled scene is not installed; drop a splat on the window",
+                "The bundled scene is not installed. Drop a splat on the window.",
             )),
             None => {}
         }
@@ -316,7 +339,7 @@ impl Viewer {
         if path.is_dir() && kind.is_err() {
             match environments_in(&path) {
                 Ok(inside) if inside.is_empty() => self.session.error(tr_format!(
-                    "{}: the folder holds no environment (.hdr, .exr)",
+                    "{}: no environments (.hdr, .exr) in this folder.",
                     path.display()
                 )),
                 Ok(inside) => {
@@ -334,8 +357,21 @@ impl Viewer {
         if let Ok(kind) = kind {
             self.unproven.push(path.clone());
             if kind == FileKind::Look {
+                if load_look(&path).is_ok_and(|scene| has_objects(&scene)) {
+                    return self.replace_scene(NextScene::Look(path));
+                }
                 // What waits belongs to the scene before.
                 self.to_add.clear();
+            }
+            if kind.is_splat() {
+                let is_one_of_several = self.session.project.scene.objects.len() > 1;
+                if is_one_of_several && !self.session.adds_splats {
+                    self.question = Some(Question::AddOrReplace(path));
+                    return;
+                }
+                if !self.session.adds_splats {
+                    self.autosave();
+                }
             }
             if kind.is_environment() {
                 self.session.project.environments.request_again(&path);
@@ -395,15 +431,23 @@ impl Viewer {
         }
     }
 
-    /// Makes the text of the first start larger on a large screen whose system does not; what is chosen later stays.
-    pub(super) fn fit_text(&mut self, context: &egui::Context) {
-        let screen = context.input(|i| i.viewport().monitor_size);
-        let Some(screen) = screen.filter(|_| self.is_first_start) else {
+    /// Fits the window to the screen, and on a large screen that the system does not scale makes the text of the first start larger.
+    pub(super) fn fit_screen(&mut self, context: &egui::Context) {
+        let (screen, inner) = context.input(|i| {
+            let viewport = i.viewport();
+            (viewport.monitor_size, viewport.inner_rect)
+        });
+        let Some((screen, inner)) = screen.zip(inner).filter(|_| !self.fits_screen) else {
             return;
         };
-        self.is_first_start = false;
+        self.fits_screen = true;
+        let room = screen - SCREEN_MARGIN;
+        if inner.width() > room.x || inner.height() > room.y {
+            let size = inner.size().min(room);
+            context.send_viewport_cmd(egui::ViewportCommand::InnerSize(size));
+        }
         let scale = context.pixels_per_point();
-        if scale == 1.0 && screen.y >= LARGE_SCREEN {
+        if self.is_first_start && scale == 1.0 && screen.y >= LARGE_SCREEN {
             context.set_zoom_factor(LARGE_TEXT);
         }
     }
@@ -427,7 +471,7 @@ impl Viewer {
     pub(super) fn save_to(&mut self, path: &Path, kind: SaveKind, replace: bool) {
         match kind {
             SaveKind::Folder if path.is_file() => {
-                let why = tr("is a file; a folder for images is expected");
+                let why = tr("is a file. Choose a folder.");
                 return self.session.error(format!("{}: {why}", path.display()));
             }
             SaveKind::Folder => {
@@ -443,7 +487,7 @@ impl Viewer {
             _ => {}
         }
         if path.is_dir() {
-            let why = tr("is a folder; a file's name is asked for");
+            let why = tr("is a folder. Enter a file name.");
             self.session.error(format!("{}: {why}", path.display()));
             return;
         }
@@ -465,7 +509,7 @@ impl Viewer {
         if let Err(why) = project.check_not_open(&path, &self.light_library.paths) {
             self.session.error(why.to_string());
         } else if path.exists() && !(replace && path == asked) {
-            self.replacing = Some((path, kind));
+            self.question = Some(Question::Overwrite(path, kind));
         } else {
             match kind {
                 SaveKind::Look => self.save_look(&path),
@@ -482,7 +526,12 @@ impl Viewer {
         match transplat_core::files::save_look(path, &self.session.project.scene_to_save()) {
             Ok(()) => {
                 self.preferences.remember(path);
-                self.session.info(tr_format!("saved {}", path.display()));
+                self.document.path = Some(path.to_owned());
+                self.document.note_saved(&self.session.project.scene);
+                self.session.info(tr_format!("Saved {}.", path.display()));
+                if let Some(next) = self.document.next.take() {
+                    self.show_next(next);
+                }
             }
             Err(error) => self.session.error(error.to_string()),
         }
@@ -545,21 +594,7 @@ impl Viewer {
             Event::PictureSize(size) => self.preferences.export.size = size,
             Event::Light(path) => self.light_library.add(&mut self.session, &path),
             Event::NoDialog(dialog) => {
-                let folder = match dialog {
-                    Dialog::Save(
-                        SaveKind::Look
-                        | SaveKind::Rig
-                        | SaveKind::Environment
-                        | SaveKind::Splat
-                        | SaveKind::Delit,
-                        _,
-                    ) => self.session.asset().and_then(|a| a.path.parent()),
-                    _ => None,
-                };
-                let folder = folder.map_or_else(
-                    || self.preferences.export.folder.clone().into(),
-                    Path::to_owned,
-                );
+                let folder = self.session.folder_of(&dialog);
                 self.shown.path_field = Some(PathField::of(dialog, &folder));
             }
             Event::Clipboard(size, bytes) => self.copy(size, bytes),
@@ -585,15 +620,15 @@ impl Viewer {
         let copied = self.clipboard.as_mut().map(|c| c.set_image(image));
         match copied {
             Some(Ok(())) => self.session.info(tr_format!(
-                "copied {width} x {height} pixels",
+                "Copied {width} x {height} pixels.",
                 width = width,
                 height = height
             )),
             Some(Err(error)) => self.session.error(tr_format!(
-                "the clipboard refused the image: {error}",
+                "Could not copy the image: {error}",
                 error = error
             )),
-            None => self.session.error(tr("there is no clipboard here")),
+            None => self.session.error(tr("There is no clipboard.")),
         }
     }
 
@@ -639,7 +674,7 @@ impl Viewer {
             out.push(SkippedWork::exact(
                 Stage::Project,
                 tr("projection of the source"),
-                tr("its light is even"),
+                tr("its light is uniform"),
             ));
         }
         let baked = session.baked();
@@ -649,7 +684,7 @@ impl Viewer {
             out.push(SkippedWork::exact(
                 Stage::Bake,
                 tr("bake"),
-                tr("a kept one is used"),
+                tr("a saved one is used"),
             ));
         } else if let Some(baked) = baked {
             out.extend(baked.bake.skipped_work());
@@ -699,10 +734,13 @@ impl Viewer {
             made && transplat_core::files::save_look(path, &self.session.project.scene_to_save())
                 .is_ok()
         });
-        let mut text = tr("the graphics device was lost; its driver may have been updated or reset, or have run out of memory").to_owned();
+        let mut text = tr(
+            "The graphics device was lost: its driver was updated or reset, or ran out of memory",
+        )
+        .to_owned();
         if let Some(path) = kept {
             text += &tr_format!(
-                ". The settings are in {}: open that after a new start",
+                ". Your settings are saved in {}: restart and open that file.",
                 path.display()
             );
             self.preferences.remember(&path);

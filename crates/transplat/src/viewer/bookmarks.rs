@@ -26,7 +26,7 @@ impl Session {
         }
         if kept.len() == MOST_KEPT {
             return self.error(tr_format!(
-                "a scene keeps {MOST_KEPT} views; remove some",
+                "A scene holds up to {MOST_KEPT} views. Remove some first.",
                 MOST_KEPT = MOST_KEPT
             ));
         }
@@ -159,9 +159,9 @@ impl Thumbnails {
             let badge = is_pinned.then_some(tr("pinned"));
             let card = Card {
                 what: tr("Look"),
-                replace: tr("Replace by the look as it is"),
+                replace: tr("Replace by current look"),
                 tip: if note.is_empty() {
-                    tr("Click: take this look. Right click: more.").into()
+                    tr("Click: use this look. Right-click: more.").into()
                 } else {
                     tr_format!(
                         "{note}\n\nClick: take this look. Right click: more.",
@@ -177,8 +177,8 @@ impl Thumbnails {
         }
         if add(
             ui,
-            tr("Keep look"),
-            tr("Keeps light and look as they are. (P also compares what comes next with it.)"),
+            tr("Add look"),
+            tr("Saves light and look in the library. (P also pins it.)"),
         ) {
             session.project.keep_look();
         }
@@ -203,8 +203,8 @@ impl Thumbnails {
             let kept = &mut session.project.scene.bookmarks[at];
             let card = Card {
                 what: tr("View"),
-                replace: tr("Replace by the view as it is"),
-                tip: tr("Click: look from there. Right click: more.").into(),
+                replace: tr("Replace by current view"),
+                tip: tr("Click: use this view. Right-click: more.").into(),
                 is_shown: shown == Some(at),
                 badge: None,
                 compares: false,
@@ -214,8 +214,8 @@ impl Thumbnails {
         }
         if add(
             ui,
-            tr("Keep view"),
-            tr("Keeps where it is seen from. (ctrl + B)"),
+            tr("Add view"),
+            tr("Saves the view in the library. (ctrl + B)"),
         ) {
             session.keep_view();
         }
@@ -320,7 +320,7 @@ impl Card {
             if picture.is_none() {
                 let font = egui::FontId::proportional(11.0);
                 let color = ui.visuals().weak_text_color();
-                let text = tr("shown once it\nwas taken");
+                let text = tr("preview after\nfirst use");
                 ui.painter()
                     .text(rect.center(), Align2::CENTER_CENTER, text, font, color);
             }

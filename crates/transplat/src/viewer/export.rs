@@ -36,7 +36,7 @@ pub fn start(
         .count();
     if waiting > 0 && matches!(task, Task::EachLight | Task::ContactSheet) {
         session.info(tr_format!(
-            "{waiting} lights of the library are still being read, and are skipped",
+            "{waiting} lights of the library are still loading and are skipped.",
             waiting = waiting
         ));
     }
@@ -64,13 +64,13 @@ pub fn start(
 /// For the user.
 fn saved(paths: &[PathBuf]) -> String {
     match paths {
-        [one] => tr_format!("saved {}", one.display()),
+        [one] => tr_format!("Saved {}.", one.display()),
         [first, .., last] => tr_format!(
-            "saved {} images, {} to {}",
+            "Saved {} images, {} to {}.",
             paths.len(),
             first.display(),
             last.file_name().unwrap_or_default().to_string_lossy()
         ),
-        [] => tr("nothing was saved").into(),
+        [] => tr("Nothing was saved.").into(),
     }
 }

@@ -9,7 +9,7 @@ use super::session::{Dialog, Event, SaveKind, Session};
 use transplat_engine::jobs::Kind;
 use transplat_engine::language::tr;
 
-/// State of the window "By path".
+/// State of the window "Path".
 pub struct PathField {
     pub text: String,
     /// True where it gets the keyboard.
@@ -62,7 +62,7 @@ impl PathField {
                 vec![(tr("Save lights"), Some(SaveKind::Rig))]
             }
             Some(Dialog::Save(SaveKind::OpenRig, _)) => {
-                vec![(tr("Take the lights"), Some(SaveKind::OpenRig))]
+                vec![(tr("Open lights"), Some(SaveKind::OpenRig))]
             }
             Some(Dialog::Save(SaveKind::Environment, _)) => {
                 vec![(tr("Save as environment"), Some(SaveKind::Environment))]
@@ -106,17 +106,18 @@ pub fn path_as_typed(text: &str) -> PathBuf {
     home.map_or_else(|| text.into(), |(below, home)| home.join(below))
 }
 
-/// Asks the desktop for a file, off the interface's thread. Where no dialog can be shown, the window "By path" serves.
+/// Asks the desktop for a file, off the interface's thread. Where no dialog can be shown, the window "Path" serves.
 pub fn ask(session: &mut Session, dialog: Dialog) {
     if session.jobs.is_running(Kind::Dialog) {
         return;
     }
+    let folder = session.folder_of(&dialog);
     let work = move |_: &_| {
         let start = Instant::now();
         // A person takes longer than this to say no: there was nobody to ask.
         let none =
             || (start.elapsed().as_secs_f32() < 0.3).then(|| Event::NoDialog(dialog.clone()));
-        Ok(show(dialog.clone()).or_else(none))
+        Ok(show(dialog.clone(), &folder).or_else(none))
     };
     let label = tr("waiting for the file dialog");
     session.start(Kind::Dialog, label, work, |session, event| {
@@ -130,12 +131,13 @@ const ENVIRONMENTS: [&str; 5] = ["hdr", "exr", "png", "jpg", "jpeg"];
 /// Endings of splats that are saved.
 const SPLATS: [&str; 5] = ["ply", "spz", "sog", "splat", "glb"];
 
-fn show(dialog: Dialog) -> Option<Event> {
+fn show(dialog: Dialog, folder: &Path) -> Option<Event> {
+    let new = || rfd::FileDialog::new().set_directory(folder);
     match dialog {
-        Dialog::Open => rfd::FileDialog::new()
+        Dialog::Open => new()
             .set_title(tr("Open splats, environments, looks"))
             .add_filter(
-                tr("All that opens"),
+                tr("All supported files"),
                 &[
                     &SPLAT_ENDINGS[..],
                     &ENVIRONMENTS,
@@ -149,25 +151,25 @@ fn show(dialog: Dialog) -> Option<Event> {
             .add_filter(tr("Looks and cameras"), &["json", "bin", "txt"])
             .pick_files()
             .map(Event::Files),
-        Dialog::OpenFolder => rfd::FileDialog::new()
+        Dialog::OpenFolder => new()
             .set_title(tr("Open a folder of environments"))
             .pick_folder()
             .map(|folder| Event::Files(vec![folder])),
-        Dialog::Save(SaveKind::Folder, _) => rfd::FileDialog::new()
+        Dialog::Save(SaveKind::Folder, _) => new()
             .set_title(tr("Folder for images"))
             .pick_folder()
             .map(|folder| Event::SaveTo(folder, SaveKind::Folder)),
-        Dialog::Save(SaveKind::Backplate, _) => rfd::FileDialog::new()
+        Dialog::Save(SaveKind::Backplate, _) => new()
             .set_title(tr("Photograph behind the objects"))
             .add_filter(tr("Photographs"), &ENVIRONMENTS)
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::Backplate)),
-        Dialog::Save(SaveKind::OpenRig, _) => rfd::FileDialog::new()
+        Dialog::Save(SaveKind::OpenRig, _) => new()
             .set_title(tr("Open lights"))
             .add_filter(tr("Lights"), &["json"])
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::OpenRig)),
-        Dialog::Save(SaveKind::Lut, _) => rfd::FileDialog::new()
+        Dialog::Save(SaveKind::Lut, _) => new()
             .set_title(tr("LUT"))
             .add_filter(tr("LUTs"), &["cube"])
             .pick_file()
@@ -185,7 +187,7 @@ fn show(dialog: Dialog) -> Option<Event> {
                 SaveKind::Delit => (tr("Export delit"), tr("Splat"), &SPLATS),
                 _ => (tr("Save image"), tr("Image"), &["png", "exr"]),
             };
-            rfd::FileDialog::new()
+            new()
                 .set_title(title)
                 .add_filter(filter, extensions)
                 .set_file_name(name)

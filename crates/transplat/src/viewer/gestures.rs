@@ -3,14 +3,20 @@
 
 use eframe::egui::{Event, Modifiers, PointerButton, Pos2};
 use glam::Vec2;
+use serde::{Deserialize, Serialize};
 
 /// Effect of a drag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gesture {
     Orbit,
     Pan,
+    Zoom,
     LookAround,
     TurnLight,
+    /// Moves nothing: a click selects.
+    Select,
+    /// Ends a transform that followed the pointer.
+    EndTransform,
     /// Moves the line between before and after.
     Wipe,
     /// Pulls one of the selected object's handles.
@@ -19,6 +25,58 @@ pub enum Gesture {
     LightHandle,
     /// Places a light by what it does on the object.
     Place,
+}
+
+/// Buttons and keys of the camera, as in another program.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum NavigationPreset {
+    #[default]
+    Transplat,
+    Blender,
+    Maya,
+    SuperSplat,
+}
+
+impl NavigationPreset {
+    /// Each with its name.
+    pub const ALL: [(&str, Self); 4] = [
+        ("transplat", Self::Transplat),
+        ("Blender", Self::Blender),
+        ("Maya", Self::Maya),
+        ("SuperSplat", Self::SuperSplat),
+    ];
+
+    /// Gesture of the camera or the light that a press begins; none where it selects, or drags what is there.
+    pub fn gesture(self, press: &Press) -> Option<Gesture> {
+        use PointerButton::{Middle, Primary, Secondary};
+        let Modifiers { shift, alt, .. } = press.modifiers;
+        let ctrl = press.modifiers.ctrl || press.modifiers.command;
+        if press.button == Secondary && shift {
+            return Some(Gesture::TurnLight);
+        }
+        Some(match (self, press.button) {
+            (Self::Transplat, Middle) => Gesture::Pan,
+            (Self::Transplat, Primary) if shift => Gesture::Pan,
+            (Self::Blender, Middle) if shift => Gesture::Pan,
+            (Self::Blender, Middle) if ctrl => Gesture::Zoom,
+            (Self::Blender, Middle) => Gesture::Orbit,
+            (Self::Maya, Primary) if alt => Gesture::Orbit,
+            (Self::Maya, Middle) => Gesture::Pan,
+            (Self::Maya, Secondary) if alt => Gesture::Zoom,
+            (Self::SuperSplat, Middle) => Gesture::Zoom,
+            (Self::SuperSplat, Secondary) => Gesture::Pan,
+            (_, Secondary) => Gesture::LookAround,
+            _ => return None,
+        })
+    }
+
+    /// Gesture of the primary button on nothing that can be dragged.
+    pub fn on_nothing(self) -> Gesture {
+        match self {
+            Self::Transplat | Self::SuperSplat => Gesture::Orbit,
+            Self::Blender | Self::Maya => Gesture::Select,
+        }
+    }
 }
 
 /// Points from where the button went down within which it is a click.
@@ -177,6 +235,50 @@ mod tests {
             }
         }
         steps
+    }
+
+    #[test]
+    fn presets_orbit_pan_and_zoom_as_the_program_that_they_are_named_after() {
+        use PointerButton::{Middle, Primary, Secondary};
+        let [none, alt, ctrl, shift] = [
+            Modifiers::NONE,
+            Modifiers::ALT,
+            Modifiers::CTRL,
+            Modifiers::SHIFT,
+        ];
+        let gesture = |preset: NavigationPreset, button, modifiers| {
+            let at = pos2(0.0, 0.0);
+            let press = Press {
+                at,
+                button,
+                modifiers,
+            };
+            preset.gesture(&press).unwrap_or(preset.on_nothing())
+        };
+        use NavigationPreset::{Blender, Maya, SuperSplat, Transplat};
+        for (preset, orbit, pan, zoom) in [
+            (Transplat, (Primary, none), (Middle, none), None),
+            (
+                Blender,
+                (Middle, none),
+                (Middle, shift),
+                Some((Middle, ctrl)),
+            ),
+            (Maya, (Primary, alt), (Middle, alt), Some((Secondary, alt))),
+            (
+                SuperSplat,
+                (Primary, none),
+                (Secondary, none),
+                Some((Middle, none)),
+            ),
+        ] {
+            assert_eq!(gesture(preset, orbit.0, orbit.1), Gesture::Orbit);
+            assert_eq!(gesture(preset, pan.0, pan.1), Gesture::Pan);
+            let zooms = zoom.is_none_or(|(b, m)| gesture(preset, b, m) == Gesture::Zoom);
+            assert!(zooms, "{preset:?}");
+            // The light is turned alike in all of them.
+            assert_eq!(gesture(preset, Secondary, shift), Gesture::TurnLight);
+        }
     }
 
     /// A whole drag in one go: all of it counts, and nothing after the release.

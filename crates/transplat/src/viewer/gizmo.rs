@@ -38,8 +38,21 @@ const COLORS: [Color32; 3] = [
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum GizmoHandle {
     Move(usize),
+    /// Over the ground.
     Slide,
+    /// In the plane of the image.
+    Shift,
     Turn(usize),
+    /// About the line of sight.
+    Roll,
+    Scale,
+}
+
+/// Transform that follows the pointer from a key on, as in Blender.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KeyedTransform {
+    Move,
+    Rotate,
     Scale,
 }
 
@@ -156,13 +169,22 @@ impl GizmoView<'_> {
                     snapped - self.up * snapped.dot(self.up) + height
                 };
             }
-            GizmoHandle::Turn(axis) => {
-                let mut angle = self.angle(drag.pointer, at, AXES[axis])?;
+            GizmoHandle::Shift => {
+                let forward = self.screen.forward();
+                let moved = self.on_plane(at, forward)? - self.on_plane(drag.pointer, forward)?;
+                made.translation = place(drag.from.translation + moved);
+            }
+            GizmoHandle::Turn(_) | GizmoHandle::Roll => {
+                let axis = match drag.handle {
+                    GizmoHandle::Turn(axis) => AXES[axis],
+                    _ => self.screen.forward(),
+                };
+                let mut angle = self.angle(drag.pointer, at, axis)?;
                 if step.is_some() {
                     let degrees = (angle.to_degrees() / TURN_STEP).round() * TURN_STEP;
                     angle = degrees.to_radians();
                 }
-                let turn = Quat::from_axis_angle(AXES[axis], angle);
+                let turn = Quat::from_axis_angle(axis, angle);
                 made.rotation = (turn * drag.from.rotation).normalize();
             }
             GizmoHandle::Scale => {
@@ -175,7 +197,8 @@ impl GizmoView<'_> {
             }
         }
         // It turns and grows about its middle.
-        if matches!(drag.handle, GizmoHandle::Turn(_) | GizmoHandle::Scale) {
+        let turns = matches!(drag.handle, GizmoHandle::Turn(_) | GizmoHandle::Roll);
+        if turns || drag.handle == GizmoHandle::Scale {
             let moved = made.scene_from_object().transform_vector3(self.own_middle);
             made.translation = self.middle - moved;
         }
@@ -210,6 +233,51 @@ impl Gizmo {
         self.drag.is_some()
     }
 
+    /// Takes hold of the selected object where the pointer is; whether it can be.
+    pub fn hold_object(
+        &mut self,
+        session: &Session,
+        by: KeyedTransform,
+        at: Pos2,
+        screen: Screen<'_>,
+    ) -> bool {
+        let from = session.object().transform;
+        self.drag = place_of(session, from, screen).map(|_| GizmoDrag {
+            handle: match by {
+                KeyedTransform::Move => GizmoHandle::Shift,
+                KeyedTransform::Rotate => GizmoHandle::Roll,
+                KeyedTransform::Scale => GizmoHandle::Scale,
+            },
+            object: session.state().id,
+            from,
+            pointer: screen.inside(at),
+        });
+        self.drag.is_some()
+    }
+
+    /// Holds what is moved or rotated to an axis; the same axis again lets it free.
+    pub fn constrain(&mut self, axis: usize) {
+        let Some(drag) = &mut self.drag else {
+            return;
+        };
+        drag.handle = match drag.handle {
+            GizmoHandle::Move(same) if same == axis => GizmoHandle::Shift,
+            GizmoHandle::Turn(same) if same == axis => GizmoHandle::Roll,
+            GizmoHandle::Turn(_) | GizmoHandle::Roll => GizmoHandle::Turn(axis),
+            GizmoHandle::Scale => GizmoHandle::Scale,
+            _ => GizmoHandle::Move(axis),
+        };
+    }
+
+    /// Puts what is held back to where it was taken.
+    pub fn cancel(&mut self, session: &mut Session) {
+        let drag = self.drag.take();
+        let same = drag.filter(|drag| drag.object == session.state().id);
+        if let Some(drag) = same {
+            session.object_mut().transform = drag.from;
+        }
+    }
+
     /// Pulls what is held to a place, in steps where that is asked for.
     pub fn drag(&mut self, session: &mut Session, to: Pos2, in_steps: bool, screen: Screen<'_>) {
         let object = session.state().id;
@@ -218,7 +286,7 @@ impl Gizmo {
             return;
         };
         // What is held is where it was when it was taken.
-        let Some(view) = view(session, drag.from, screen) else {
+        let Some(view) = place_of(session, drag.from, screen) else {
             return;
         };
         let radius = session.project.scene_bounds().map_or(1.0, |b| b.radius);
@@ -249,9 +317,14 @@ impl Gizmo {
 
 /// Where the handles are of the selected object, placed like that; none where they are not shown.
 fn view<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<GizmoView<'a>> {
-    let shows =
-        session.overlays.handles && session.project.is_composed() && !session.object().locked;
-    let bounds = session.asset().map(|a| a.bounds).filter(|_| shows)?;
+    let shows = session.overlays.handles && session.project.is_composed();
+    place_of(session, place, screen).filter(|_| shows)
+}
+
+/// Where the selected object is on the screen, placed like that; none where it cannot be moved.
+fn place_of<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<GizmoView<'a>> {
+    let is_free = session.object().shown && !session.object().locked;
+    let bounds = session.asset().map(|a| a.bounds).filter(|_| is_free)?;
     let middle = place.scene_from_object().transform_point3(bounds.center);
     let camera = screen.camera;
     let depth = (camera.view_from_world * (middle - camera.eye)).z;
@@ -377,6 +450,21 @@ mod tests {
                 .to_degrees();
             assert!((turned - 30.0).abs() < 0.1, "{turned}");
         }
+        // In the plane of the image it stays under the pointer, too.
+        let held = drag(&view, GizmoHandle::Shift, middle);
+        let to = inside(&view, middle) + Vec2::new(60.0, -25.0);
+        let made = view.dragged(&held, to, None).expect("a place");
+        let there = made.scene_from_object().transform_point3(own);
+        assert!(inside(&view, there).distance(to) < 0.1);
+        // A quarter about the line of sight takes what is right of the middle below it.
+        let at = |by: Vec2| inside(&view, middle) + by;
+        let held = GizmoDrag {
+            pointer: at(Vec2::new(50.0, 0.0)),
+            ..drag(&view, GizmoHandle::Roll, middle)
+        };
+        let made = view.dragged(&held, at(Vec2::new(0.0, 50.0)), None);
+        let turned = made.expect("a turn").rotation * start().rotation.inverse();
+        assert!((turned.to_axis_angle().1.to_degrees() - 90.0).abs() < 2.0);
         let drag = GizmoDrag {
             pointer: inside(&view, middle) + Vec2::new(0.0, 50.0),
             ..drag(&view, GizmoHandle::Scale, middle)

@@ -149,9 +149,7 @@ impl History {
 
     fn take(&mut self, scene: &Scene) {
         let last = self.steps.get(self.at);
-        let what = last.map_or(tr("at the start").into(), |last| {
-            changes(&last.scene, scene)
-        });
+        let what = last.map_or(tr("Opened").into(), |last| changes(&last.scene, scene));
         self.steps.truncate(self.at + 1);
         let scene = scene.clone();
         self.steps.push(HistoryStep { what, scene });
@@ -179,13 +177,13 @@ fn is_as(step: &Scene, scene: &Scene) -> bool {
 }
 
 /// Words for the settings of a look: the longest matching beginning counts.
-const WORDS: [(&str, &str); 51] = [
-    ("animation", tr_later("light over time")),
+const WORDS: [(&str, &str); 57] = [
+    ("animation", tr_later("light animation")),
     ("asset", tr_later("splat")),
     ("background", tr_later("background")),
     ("background_blur", tr_later("blur")),
-    ("bookmarks", tr_later("kept views")),
-    ("camera", tr_later("where it is seen from")),
+    ("bookmarks", tr_later("saved views")),
+    ("camera", tr_later("view")),
     ("cut", tr_later("cuts")),
     ("difference_scale", tr_later("scale of the difference")),
     ("directions", tr_later("directions")),
@@ -194,7 +192,7 @@ const WORDS: [(&str, &str); 51] = [
     ("false_color", tr_later("false colours")),
     ("hide", tr_later("filters")),
     ("lights", tr_later("placed lights")),
-    ("linear", tr_later("colour is linear")),
+    ("linear", tr_later("linear colour")),
     ("lut", tr_later("LUT")),
     ("match_strength", tr_later("match exposure")),
     ("note", tr_later("note")),
@@ -202,38 +200,41 @@ const WORDS: [(&str, &str); 51] = [
     ("outside_from", tr_later("outside")),
     ("plate", tr_later("photograph")),
     ("shadow_catcher", tr_later("shadow on the ground")),
-    ("source", tr_later("light of the capture")),
+    ("source", tr_later("capture light")),
     ("source/file", tr_later("capture light")),
-    ("source/layout", tr_later("layout of the capture's light")),
-    ("source/layer", tr_later("layer of the capture's light")),
-    ("source/mirror", tr_later("light of the capture mirrored")),
-    ("source/rotation", tr_later("light of the capture turned")),
-    (
-        "source/strength",
-        tr_later("strength of the capture's light"),
-    ),
-    ("source/tilt", tr_later("light of the capture tilted")),
-    ("source/tint", tr_later("tint of the capture's light")),
-    ("source/up", tr_later("up in the capture's light")),
+    ("source/layout", tr_later("layout of the capture light")),
+    ("source/layer", tr_later("layer of the capture light")),
+    ("source/mirror", tr_later("capture light mirrored")),
+    ("source/rotation", tr_later("capture light rotated")),
+    ("source/strength", tr_later("strength of the capture light")),
+    ("source/tilt", tr_later("capture light tilted")),
+    ("source/tint", tr_later("tint of the capture light")),
+    ("source/up", tr_later("up axis of the capture light")),
     ("target", tr_later("light")),
     ("target/file", tr_later("new light")),
     ("target/layout", tr_later("layout of the light")),
     ("target/layer", tr_later("layer of the light")),
     ("target/mirror", tr_later("light mirrored")),
-    ("target/rotation", tr_later("light turned")),
+    ("target/rotation", tr_later("light rotated")),
     ("target/sky", tr_later("sun and sky")),
     ("target/strength", tr_later("strength of the light")),
     ("target/tilt", tr_later("light tilted")),
     ("target/tint", tr_later("tint of the light")),
-    ("target/up", tr_later("up in the light")),
+    ("target/up", tr_later("up axis of the light")),
     ("target/without_suns", tr_later("sun converted to light")),
-    ("transfer", tr_later("how it is relit")),
+    ("transfer", tr_later("transfer")),
     ("transfer/preset", tr_later("preset")),
     ("transfer/terms", tr_later("terms")),
+    ("locked", tr_later("lock")),
+    ("name", tr_later("name")),
+    ("shown", tr_later("visibility")),
+    ("transform/rotation", tr_later("rotated")),
+    ("transform/scale", tr_later("scaled")),
+    ("transform/translation", tr_later("moved")),
     ("up", tr_later("up axis")),
-    ("variants", tr_later("kept looks")),
+    ("variants", tr_later("saved looks")),
     ("view", tr_later("comparison")),
-    ("wipe", tr_later("line of the split")),
+    ("wipe", tr_later("split line")),
 ];
 
 /// Differences of two scenes, in words.
@@ -242,35 +243,24 @@ fn changes(before: &Scene, after: &Scene) -> String {
         let text = look_text(scene).unwrap_or_default();
         serde_json::from_str(&text).unwrap_or_default()
     };
-    let listed = |scene: &Scene| {
-        let mut scene = scene.clone();
-        scene.objects.push(Object::default());
-        value(&scene)
+    // What a look says of its objects depends on how many they are.
+    let others = |scene: &Scene| {
+        let objects = vec![Object::default()];
+        value(&Scene {
+            objects,
+            ..scene.clone()
+        })
     };
-    let (mut last, mut now) = (value(before), value(after));
-    if last.get("objects").is_some() != now.get("objects").is_some() {
-        // A look says of one object otherwise what it says of several.
-        (last, now) = (listed(before), listed(after));
-    }
+    let (last, now) = (others(before), others(after));
+    let mut said = changed_objects(&before.objects, &after.objects);
     let mut found = Vec::new();
     differences(String::new(), &last, &now, &mut found);
-    let mut said: Vec<String> = Vec::new();
     for (path, value) in found {
         if path == "lights" {
             said.extend(changed_lights(&before.lights, &after.lights));
             continue;
         }
-        let known = WORDS.iter().filter(|(of, _)| {
-            let rest = path.strip_prefix(of);
-            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
-        });
-        let words = known.max_by_key(|(of, _)| of.len());
-        let is_whole = words.is_some_and(|(of, _)| *of == path);
-        let words = words.map_or_else(|| path.replace(['/', '_'], " "), |(_, w)| tr(w).to_owned());
-        let text = match value {
-            Some(value) if is_whole => format!("{words} {value}"),
-            _ => words,
-        };
+        let text = in_words(&path, value);
         if !said.contains(&text) {
             said.push(text);
         }
@@ -280,6 +270,56 @@ fn changes(before: &Scene, after: &Scene) -> String {
         said.push("…".into());
     }
     said.join(", ")
+}
+
+/// A setting in words, with its value where that is simple.
+fn in_words(path: &str, value: Option<String>) -> String {
+    let known = WORDS.iter().filter(|(of, _)| {
+        let rest = path.strip_prefix(of);
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+    });
+    let words = known.max_by_key(|(of, _)| of.len());
+    let is_whole = words.is_some_and(|(of, _)| *of == path);
+    let words = words.map_or_else(|| path.replace(['/', '_'], " "), |(_, w)| tr(w).to_owned());
+    match value {
+        Some(value) if is_whole => format!("{words} {value}"),
+        _ => words,
+    }
+}
+
+/// Differences of the objects, in words; of several, each is named.
+fn changed_objects(before: &[Object], after: &[Object]) -> Vec<String> {
+    let called = |object: &Object| object.called().unwrap_or_else(|| tr("object").into());
+    let one_more = |these: &[Object], others: &[Object]| {
+        let same = these.iter().zip(others).take_while(|(a, b)| a == b).count();
+        let rest = these.get(same + 1..)?;
+        (rest == &others[same..]).then(|| called(&these[same]))
+    };
+    if let Some(name) = one_more(after, before) {
+        return vec![tr_format!("{name}: added", name = name)];
+    }
+    if let Some(name) = one_more(before, after) {
+        return vec![tr_format!("{name}: removed", name = name)];
+    }
+    if before.len() != after.len() {
+        return vec![tr("objects").into()];
+    }
+    let is_one_of_several = after.len() > 1;
+    let mut said = Vec::new();
+    for (before, after) in before.iter().zip(after) {
+        let value = |object| serde_json::to_value(object).unwrap_or_default();
+        let mut found = Vec::new();
+        differences(String::new(), &value(before), &value(after), &mut found);
+        for (path, value) in found {
+            let text = in_words(&path, value);
+            said.push(match is_one_of_several {
+                true => format!("{}: {text}", called(after)),
+                false => text,
+            });
+        }
+    }
+    said.dedup();
+    said
 }
 
 /// Differences of the placed lights, in words.
@@ -311,7 +351,7 @@ fn changed_in_light(before: &Light, after: &Light) -> String {
     if before.on != after.on {
         tr(if after.on { "on" } else { "off" }).into()
     } else if before.solo != after.solo {
-        let [yes, no] = [tr("solo"), tr("no longer solo")];
+        let [yes, no] = [tr("solo"), tr("solo off")];
         if after.solo { yes } else { no }.into()
     } else if before.strength != after.strength {
         tr_format!("strength {stops}", stops = number(after.strength))
@@ -320,11 +360,11 @@ fn changed_in_light(before: &Light, after: &Light) -> String {
     } else if before.name != after.name {
         tr("name").into()
     } else if before.fixed_to != after.fixed_to {
-        tr("what it goes along with").into()
+        tr("fixed to").into()
     } else if place(before) != place(after) {
         tr("moved").into()
     } else if before.source.emission() != after.source.emission() {
-        tr("what it emits").into()
+        tr("emission").into()
     } else {
         tr("size").into()
     }
@@ -411,7 +451,7 @@ mod tests {
         assert_eq!(history.redo(&exposed(19.0)), Some(&now));
         let (steps, at) = history.steps();
         let steps: Vec<_> = steps.collect();
-        assert_eq!(steps, ["at the start", "exposure 19", "exposure 1.5"]);
+        assert_eq!(steps, ["Opened", "exposure 19", "exposure 1.5"]);
         assert_eq!(at, 2);
         // Something else after an undo takes the place of what was undone.
         assert_eq!(history.go_to(0), Some(&exposed(0.0)));
@@ -501,12 +541,21 @@ mod tests {
             ..EnvironmentLight::of("a/sunset.hdr")
         };
         let what = changes(&before, &after);
-        assert_eq!(what, "new light sunset, light turned 30");
+        assert_eq!(what, "new light sunset, light rotated 30");
         after.transfer.terms.shadow = false;
         assert!(changes(&before, &after).ends_with(", …"));
         let mut moved = before.clone();
         moved.objects[0].transform.scale = 2.0;
-        assert_eq!(changes(&before, &moved), "objects");
+        assert_eq!(changes(&before, &moved), "scaled 2");
+        let mut both = moved.clone();
+        both.objects.push(Object {
+            name: Some("vase".into()),
+            ..Object::default()
+        });
+        assert_eq!(changes(&moved, &both), "vase: added");
+        let mut turned = both.clone();
+        turned.objects[1].transform.rotation = glam::Quat::from_rotation_x(1.0);
+        assert_eq!(changes(&both, &turned), "vase: rotated");
         // A light is called by its name, and by what it was set to.
         let one = |set: &dyn Fn(&mut Light)| {
             let mut lights = [DVec3::X, DVec3::Y].map(light);

@@ -19,6 +19,27 @@ const BULB: f32 = 8.0;
 /// Corners of a circle.
 const CORNERS: usize = 40;
 
+/// The drag of a light's handle that begins at a point of the window.
+fn held(
+    session: &Session,
+    view: &LightHandleView<'_>,
+    handle: LightHandle,
+    number: usize,
+    at: Pos2,
+) -> Option<LightDrag> {
+    let from = session.project.scene.lights[number].clone();
+    let pointer = view.screen.inside(at);
+    let held = view.point(view.held(handle, &from)?).unwrap_or(at);
+    Some(LightDrag {
+        handle,
+        at: number,
+        pointer,
+        off: view.screen.inside(held) - pointer,
+        side: view.side(&from.source),
+        from,
+    })
+}
+
 /// The handles as they are held.
 #[derive(Default)]
 pub struct LightHandles {
@@ -35,22 +56,32 @@ impl LightHandles {
                 LightHandle::Around(number) => number,
                 _ => chosen?,
             };
-            let from = session.project.scene.lights[number].clone();
-            let held = view.point(view.held(handle, &from)?).unwrap_or(at);
-            Some(LightDrag {
-                handle,
-                at: number,
-                pointer: screen.inside(at),
-                off: screen.inside(held) - screen.inside(at),
-                side: view.side(&from.source),
-                from,
-            })
+            held(session, &view, handle, number, at)
         });
         if let Some(drag) = &found {
             session.selected_light = drag.at;
         }
         self.drag = found;
         self.drag.is_some()
+    }
+
+    /// Takes hold of the chosen light where the pointer is; whether there is one.
+    pub fn hold_light(&mut self, session: &Session, at: Pos2, screen: Screen<'_>) -> bool {
+        self.drag = view(session, screen).and_then(|view| {
+            let number = session.chosen_light()?;
+            held(session, &view, LightHandle::Around(number), number, at)
+        });
+        self.drag.is_some()
+    }
+
+    /// Puts what is held back to where it was taken.
+    pub fn cancel(&mut self, session: &mut Session) {
+        if let Some(drag) = self.drag.take()
+            && let Some(light) = session.project.scene.lights.get_mut(drag.at)
+            && light.source.kind() == drag.from.source.kind()
+        {
+            light.source = drag.from.source;
+        }
     }
 
     /// Pulls what is held to a point of the window.

@@ -148,12 +148,12 @@ impl LightLibrary {
                 (
                     LibraryPage::Looks,
                     tr_format!("Looks{}", count(looks.len())),
-                    tr("Kept looks: light and display settings to return to and to compare."),
+                    tr("Saved looks: light and display settings to return to and to compare."),
                 ),
                 (
                     LibraryPage::Views,
                     tr_format!("Views{}", count(views.len())),
-                    tr("Places to look from that were kept."),
+                    tr("Saved views."),
                 ),
             ] {
                 ui.selectable_value(&mut self.page, page, name)
@@ -191,7 +191,7 @@ impl LightLibrary {
             self.slots[side] = Some(rect);
             let name = if side == SOURCE && light.is_even {
                 if session.is_loading(&wanted) {
-                    tr("being estimated").to_owned()
+                    tr("estimating").to_owned()
                 } else {
                     match is_even(&light.path) {
                         true => tr("uniform white (assumed)").to_owned(),
@@ -201,15 +201,25 @@ impl LightLibrary {
             } else {
                 light.name()
             };
-            named(&response, egui::Role::Button, format!("{}: {name}", tr(SIDES[side])));
+            named(
+                &response,
+                egui::Role::Button,
+                format!("{}: {name}", tr(SIDES[side])),
+            );
             let texture = Some(self.texture(ui, &light));
-            paint_thumbnail(ui, rect, texture.as_ref(), false, response.contains_pointer());
+            paint_thumbnail(
+                ui,
+                rect,
+                texture.as_ref(),
+                false,
+                response.contains_pointer(),
+            );
             if session.is_loading(&wanted) {
                 waiting(ui, rect);
             }
             ui.add(egui::Label::new(egui::RichText::new(&name).small()).truncate());
             let tip = if side == SOURCE {
-                tr("Light of the capture. Drop an environment here, or drag one from the library. A wrong one makes a wrong relight.")
+                tr("Light of the capture. Drop its environment here, or drag it from the library.")
             } else {
                 tr("Light to relight by. Drop an environment here, or click one in the library.")
             };
@@ -267,7 +277,7 @@ impl LightLibrary {
             }
             let tip = match session.project.environments.get(&path) {
                 Some(light) => tr_format!(
-                    "{}\n{} x {} pixels\nClick: relight by it. Drag: onto a slot, or to another place. Right click: more.",
+                    "{}\n{} x {} pixels\nClick: use as new light. Drag: onto a slot, or to reorder. Right-click: more.",
                     path.display(),
                     light.size[0],
                     light.size[1]),

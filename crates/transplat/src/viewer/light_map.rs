@@ -101,7 +101,7 @@ impl LightMap {
             }
         }
         let pointed = response.interact_pointer_pos();
-        let response = response.on_hover_text(tr("What is around the object; lights of your own are the dots in it.\n\nClick or drag: the chosen light shines from there."));
+        let response = response.on_hover_text(tr("Environment around the object, with placed lights as dots.\n\nClick or drag: light from there."));
         let is_meant = response.is_pointer_button_down_on() || response.clicked();
         let at = pointed.filter(|_| is_meant)?;
         Some(placed.direction(at))
@@ -137,7 +137,7 @@ impl LightMap {
         self.is_known |= response.is_pointer_button_down_on();
         let response = response.on_hover_cursor(egui::CursorIcon::ResizeHorizontal);
         if !self.is_known {
-            response.on_hover_text(tr("The light as it stands around the object; what is straight ahead is in the middle.\n\nDrag: turns it. Double click: its brightest light comes from there."));
+            response.on_hover_text(tr("Environment around the object, the view direction in the middle.\n\nDrag: rotate. Double-click: bring the brightest light there."));
         }
         turned.is_some() || brought
     }

@@ -81,7 +81,7 @@ impl Session {
                     is_new: true,
                 })
             };
-            measure().context(tr("nothing could be measured"))
+            measure().context(tr("Nothing could be measured."))
         };
         self.start(kind, label, work, move |session, measured| {
             session.measured.insert(id, measured);

@@ -9,8 +9,10 @@ use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_core::surfels::SurfelFilter;
 
 use super::app::Viewer;
+use super::document::{Autosave, NextScene, age_in_words};
 use super::export::task::Task;
 use super::files::{PathField, ask};
+use super::gestures::NavigationPreset;
 use super::preferences::Preferences;
 use super::session::{Dialog, SaveKind};
 use super::shortcuts::{self, Action};
@@ -29,6 +31,15 @@ impl Viewer {
                 self.item(ui, tr("Redo"), Action::Redo, self.history.has_redo(&scene));
                 ui.menu_button(tr("History"), |ui| self.history_menu(ui));
                 ui.separator();
+                let beside = &mut self.preferences.bakes_beside;
+                let tip = tr("Saves bakes in the folder of the splat instead of your cache.");
+                if ui
+                    .checkbox(beside, tr("Bakes beside splats"))
+                    .on_hover_text(tip)
+                    .changed()
+                {
+                    self.session.project.bakes_are_beside = *beside;
+                }
                 if entry(ui, tr("Reset all settings")) {
                     let kept = &self.session.project.scene;
                     let same = |light: &EnvironmentLight| EnvironmentLight {
@@ -65,20 +76,16 @@ impl Viewer {
     }
 
     pub(super) fn file_menu(&mut self, ui: &mut Ui) {
+        self.item(ui, tr("New"), Action::New, true);
         self.item(ui, tr("Open…"), Action::Open, true);
-        self.item(
-            ui,
-            tr("Open folder of environments…"),
-            Action::OpenFolder,
-            true,
-        );
+        self.item(ui, tr("Open folder…"), Action::OpenFolder, true);
         if entry(ui, tr("Open or save by path…")) {
             self.shown.path_field = Some(PathField::new());
         }
         let recent = self.preferences.recent.clone();
-        ui.menu_button(tr("Open recent"), |ui| {
+        ui.menu_button(tr("Recent"), |ui| {
             if recent.is_empty() {
-                ui.weak(tr("nothing yet"));
+                ui.weak(tr("No recent files"));
             }
             for path in recent {
                 if entry(ui, &path.display().to_string()) {
@@ -86,23 +93,39 @@ impl Viewer {
                 }
             }
         });
-        let before = self.work_aside().filter(|path| path.is_file());
-        if let Some(path) = before
-            && entry(ui, tr("Restore last session"))
-        {
-            self.open(&path);
-        }
-        for (name, splat) in [
-            (tr("Bundled scene"), BUNDLED_SPLAT),
-            (tr("Bundled scene, trained"), BUNDLED_TRAINED_SPLAT),
-        ] {
-            if entry(ui, name) {
-                self.bundled_scene(splat);
+        ui.menu_button(tr("Bundled scenes"), |ui| {
+            for (name, splat) in [
+                (tr("Teapot"), BUNDLED_SPLAT),
+                (tr("Breakfast (trained)"), BUNDLED_TRAINED_SPLAT),
+            ] {
+                if entry(ui, name) {
+                    self.replace_scene(NextScene::Bundled(splat));
+                }
             }
-        }
+        });
+        ui.separator();
+        self.item(ui, tr("Save"), Action::SaveLook, true);
+        self.item(ui, tr("Save as…"), Action::SaveLookAs, true);
+        let path = self.document.path.clone();
+        let is_changed = self.document.is_changed(&self.session.project.scene);
+        ui.add_enabled_ui(path.is_some() && is_changed, |ui| {
+            if let (true, Some(path)) = (entry(ui, tr("Revert")), path) {
+                self.replace_scene(NextScene::Saved(path));
+            }
+        });
+        ui.menu_button(tr("Autosaves"), |ui| {
+            let autosaves = self.autosaves();
+            if autosaves.is_empty() {
+                ui.weak(tr("No autosaves"));
+            }
+            for Autosave { path, name, age } in autosaves {
+                if entry(ui, &format!("{name}, {}", age_in_words(age))) {
+                    self.replace_scene(NextScene::Autosave(path));
+                }
+            }
+        });
         ui.separator();
         for (name, action) in [
-            (tr("Save look…"), Action::SaveLook),
             (tr("Export relit splat…"), Action::ExportSplat),
             (tr("Save image"), Action::Screenshot),
             (tr("Copy image"), Action::Copy),
@@ -156,9 +179,10 @@ impl Viewer {
         }
     }
 
-    fn bundled_scene(&mut self, splat: &str) {
+    pub(super) fn bundled_scene(&mut self, splat: &str) {
         let Some(splat) = bundled(splat) else {
-            self.session.error(tr("the bundled scene is not installed"));
+            self.session
+                .error(tr("The bundled scene is not installed."));
             return;
         };
         let mut scene = self.preferences.scene();
@@ -184,7 +208,7 @@ impl Viewer {
         }
         if let Some(own) = language::own_folder() {
             let own = own.display();
-            let text = tr_format!("More: translations (.po) in {folder}", folder = own);
+            let text = tr_format!("Add translations (.po) in {folder}", folder = own);
             ui.weak(text);
         }
     }
@@ -205,7 +229,7 @@ impl Viewer {
     pub(super) fn view_menu(&mut self, ui: &mut Ui) {
         ui.menu_button(tr("Theme"), |ui| {
             for (name, theme) in [
-                (tr("As the system"), egui::ThemePreference::System),
+                (tr("System"), egui::ThemePreference::System),
                 (tr("Light theme"), egui::ThemePreference::Light),
                 (tr("Dark theme"), egui::ThemePreference::Dark),
             ] {
@@ -227,6 +251,15 @@ impl Viewer {
             }
         });
         ui.menu_button(tr("Language"), |ui| self.language_menu(ui));
+        ui.menu_button(tr("Navigation"), |ui| {
+            for (name, preset) in NavigationPreset::ALL {
+                let is_chosen = self.preferences.navigation == preset;
+                if ui.radio(is_chosen, name).clicked() {
+                    self.preferences.navigation = preset;
+                    ui.close();
+                }
+            }
+        });
         ui.separator();
         ui.checkbox(&mut self.shown.panels, tr("Panels"));
         ui.checkbox(&mut self.preferences.probes, tr("Light probes"));
@@ -259,14 +292,10 @@ impl Viewer {
                 }
             })
             .response
-            .on_hover_text(tr(
-                "Channels: one part of the image, or what it was made from.",
-            ))
+            .on_hover_text(tr("Shows one channel of the image, or its inputs."))
             .widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, tr("Channel")));
         ui.separator();
-        let tip = tr(
-            "Keeps the look as it is. Change what you like, and compare: the pinned look stands where “before” stood. (P)",
-        );
+        let tip = tr("Pins the look: comparisons show it in the place of “before”. (P)");
         if button(ui, tr("Pin"), tip) {
             session.project.pin();
         }
@@ -276,7 +305,7 @@ impl Viewer {
             if button(
                 ui,
                 tr("Swap"),
-                tr("Exchange the pinned look with this one. (T)"),
+                tr("Swaps the pinned look with this one. (T)"),
             ) {
                 session.project.swap_pinned();
             }
@@ -292,45 +321,41 @@ pub(super) const COMPARE: [(&str, View, &str); 5] = [
     (
         tr_later("After"),
         View::After,
-        tr_later("The splat relit. (C: next way to compare)"),
+        tr_later("The relit splat. (C: next comparison)"),
     ),
     (
         tr_later("Before"),
         View::Before,
-        tr_later("The splat as it was captured. (hold B)"),
+        tr_later("The splat as captured. (hold B)"),
     ),
     (
         tr_later("Split"),
         View::Split,
-        tr_later("Before left of the line, after right of it; drag the line."),
+        tr_later("Before on the left, after on the right. Drag the line."),
     ),
     (
         tr_later("Side by side"),
         View::SideBySide,
-        tr_later("Shows both images whole."),
+        tr_later("Shows both images in full."),
     ),
     (
         tr_later("Difference"),
         View::Difference,
-        tr_later("After minus before; grey is none. Its scale is in the panel Look."),
+        tr_later("After minus before; grey is no difference. The panel Look sets its scale."),
     ),
 ];
 
 /// Channels: name, view, what it shows.
-const CHANNELS: [(&str, View, &str); 9] = [
+pub(super) const CHANNELS: [(&str, View, &str); 9] = [
     (
         tr_later("Diffuse"),
         View::Diffuse,
-        tr_later(
-            "What is scattered: all that is not gloss. (Preset paper: what does not depend on the view.)",
-        ),
+        tr_later("Diffuse light only."),
     ),
     (
         tr_later("Specular"),
         View::Specular,
-        tr_later(
-            "What is mirrored: highlights and reflections. (Preset paper: what depends on the view.)",
-        ),
+        tr_later("Highlights and reflections."),
     ),
     (
         tr_later("Normals"),
@@ -345,29 +370,27 @@ const CHANNELS: [(&str, View, &str); 9] = [
     (
         tr_later("Visibility"),
         View::Visibility,
-        tr_later("Ambient occlusion: black is in a hollow."),
+        tr_later("Ambient occlusion: black is fully occluded."),
     ),
     (
         tr_later("Albedo"),
         View::Albedo,
-        tr_later("Base colour without light: the share that is scattered, or reflected by metal."),
+        tr_later("Base colour without light."),
     ),
     (
         tr_later("Emission"),
         View::Emission,
-        tr_later(
-            "What shines by itself and keeps its colour in every light. How bright that has to be is set in the panel Look.",
-        ),
+        tr_later("Light that surfaces emit. The panel Look sets the threshold."),
     ),
     (
         tr_later("Ratio"),
         View::Tau,
-        tr_later("How many stops the new light is over the old one."),
+        tr_later("Stops of the new light over the capture light."),
     ),
     (
         tr_later("Confidence"),
         View::Confidence,
-        tr_later("Low confidence in the relit colour."),
+        tr_later("Where the relit colour is uncertain."),
     ),
 ];
 

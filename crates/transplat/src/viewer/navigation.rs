@@ -16,16 +16,19 @@ pub type Viewpoint = [f64; 2];
 
 pub const FRONT: Viewpoint = [-90.0, 0.0];
 pub const RIGHT: Viewpoint = [0.0, 0.0];
+pub const BACK: Viewpoint = [90.0, 0.0];
+pub const LEFT: Viewpoint = [180.0, 0.0];
 pub const TOP: Viewpoint = [-90.0, 90.0];
+pub const BOTTOM: Viewpoint = [-90.0, -90.0];
 
 /// All of them.
 pub const VIEWPOINTS: [(&str, Viewpoint); 6] = [
     (tr_later("Front"), FRONT),
     (tr_later("Right"), RIGHT),
-    (tr_later("Back"), [90.0, 0.0]),
-    (tr_later("Left"), [180.0, 0.0]),
+    (tr_later("Back"), BACK),
+    (tr_later("Left"), LEFT),
     (tr_later("Top"), TOP),
-    (tr_later("Bottom"), [-90.0, -90.0]),
+    (tr_later("Bottom"), BOTTOM),
 ];
 
 /// Looks from a side.

@@ -47,7 +47,7 @@ impl Session {
             }
             Ok(FileKind::Lut) => self.project.open_lut(path.to_owned()),
             Ok(_) => self.error(tr_format!(
-                "{}: a bake is found by itself when it lies beside its splat",
+                "{}: bakes beside a splat open with it. Open the splat instead.",
                 path.display()
             )),
             Err(error) => self.error(error.to_string()),

@@ -12,13 +12,16 @@ use transplat_core::settings::optimizations::SkippedWork;
 use transplat_core::surfels::UpAxis;
 
 use super::app::{Quitting, Viewer};
+use super::document::NextScene;
 use super::export::task::Task;
 use super::files::path_as_typed;
 use super::navigation;
 use super::probes::{BallEnvironment, MAP_WIDTH, ProbeBall, ProbeKey};
+use super::questions::question;
 use super::session::{Dialog, SIDES, SaveKind, Session};
-use super::shortcuts::{self, GESTURES, SHORTCUTS};
+use super::shortcuts::{self, Action, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
+use transplat_engine::bundled::BUNDLED_SPLAT;
 use transplat_engine::jobs::{Job, Kind, PROGRESS_INTERVAL, Work};
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::project::{SOURCE, TARGET};
@@ -44,26 +47,22 @@ fn in_the_middle(title: &str, picture: egui::Rect) -> egui::Window<'_> {
         .resizable(false)
 }
 
-/// A question that is answered before anything else is done: nothing lies over it.
-fn question(name: &str) -> egui::Modal {
-    egui::Modal::new(egui::Id::unique(name))
-}
-
 impl Viewer {
     pub(super) fn status(&mut self, ui: &mut Ui) {
         let session = &self.session;
         ui.horizontal(|ui| {
             let assets = session.project.states.iter().filter_map(|s| s.asset.as_ref());
             let total = assets.map(|a| a.cloud.len()).sum();
-            let drawn = session.canvas.live().drawn();
+            // Nothing is drawn of an empty scene.
+            let drawn = session.canvas.live().drawn().min(total);
             ui.label(tr_format!("{} of {} Gaussians", thousands(drawn), thousands(total)))
-                .on_hover_text(tr("Drawn, of all that there are: what is hidden is not drawn."));
+                .on_hover_text(tr("Gaussians drawn, of all in the scene."));
             ui.separator();
             ui.label(tr_format!("frame {}", milliseconds(session.canvas.timers.frame.ms())))
-                .on_hover_text(tr("From the first command of the last changed picture to its end on the graphics adapter."));
+                .on_hover_text(tr("Time to render the last frame."));
             ui.separator();
             ui.label(tr_format!("transfer {}", milliseconds(session.transfer_ms())))
-                .on_hover_text(tr("The last change of light, from the click to its end."));
+                .on_hover_text(tr("Time of the last change of light."));
             ui.separator();
             let running = session.running_jobs().find(|j| matches!(j.kind, Kind::Of(_, Work::Bake(_))));
             let bake = if let Some(job) = running {
@@ -73,11 +72,11 @@ impl Viewer {
             } else {
                 tr_format!("bake {}", milliseconds(session.baked().map_or(0.0, |b| b.ms)))
             };
-            ui.label(bake).on_hover_text(tr("The object's visibility; until it is baked, shadows are missing or coarse."));
+            ui.label(bake).on_hover_text(tr("Visibility bake. Until it is done, shadows are missing or coarse."));
             ui.separator();
             if let Some(bytes) = crate::summary::memory_bytes("VmRSS:") {
                 ui.label(tr_format!("{} MB", thousands((bytes >> 20) as usize)))
-                    .on_hover_text(tr("Memory that the program holds."));
+                    .on_hover_text(tr("Memory in use."));
                 ui.separator();
             }
             let software = session.canvas.context.is_software();
@@ -86,7 +85,7 @@ impl Viewer {
                 ui.colored_label(ui.visuals().warn_fg_color, tr("software"))
                     .on_hover_text(tr("This driver computes on the CPU: everything works, slowly. A graphics card with its Vulkan driver makes it fast."));
             } else {
-                name.on_hover_text(tr("The graphics adapter."));
+                name.on_hover_text(tr("Graphics adapter."));
             }
             let skipped_work = self.skipped_work();
             if !skipped_work.is_empty() {
@@ -166,10 +165,10 @@ impl Viewer {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal(|ui| {
                         ui.label(match is_relit {
-                            true => tr("That was stopped: what is shown is coarse."),
-                            false => tr("That was stopped before the object was relit."),
+                            true => tr("Stopped: the image is coarse."),
+                            false => tr("Stopped before the object was relit."),
                         });
-                        goes_on = ui.small_button(tr("Go on")).clicked();
+                        goes_on = ui.small_button(tr("Resume")).clicked();
                     });
                 });
             }
@@ -178,7 +177,7 @@ impl Viewer {
             }
             let hidden = messages.len().saturating_sub(MOST_MESSAGES);
             if hidden > 0 {
-                ui.weak(tr_format!("and {hidden} before these", hidden = hidden));
+                ui.weak(tr_format!("and {hidden} earlier", hidden = hidden));
             }
             for (i, message) in messages.iter().enumerate().skip(hidden) {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
@@ -287,7 +286,7 @@ impl Viewer {
                             let (center, radius) = (response.rect.center(), 0.5 * BALL_SIZE);
                             let rim = (0.5, Color32::from_gray(120));
                             ui.painter().circle_stroke(center, radius, rim);
-                            let tip = tr("Drag: turns and tilts the light.");
+                            let tip = tr("Drag to rotate and tilt the light.");
                             balls.push((side, response.on_hover_text(tip)));
                         }
                         ui.vertical(|ui| {
@@ -313,6 +312,35 @@ impl Viewer {
         }
     }
 
+    /// Shows what to do where there is no splat.
+    pub(super) fn empty_scene(&mut self, context: &egui::Context) {
+        let project = &self.session.project;
+        if project.has_asset() || project.is_loading_asset() {
+            return;
+        }
+        let mut next = None;
+        egui::Area::new(egui::Id::unique("empty"))
+            .pivot(egui::Align2::CENTER_CENTER)
+            .fixed_pos(self.viewport.rect.center())
+            .order(egui::Order::Middle)
+            .show(context, |ui| {
+                ui.vertical_centered(|ui| {
+                    ui.heading(tr("Drop a splat here"));
+                    ui.weak(tr("2DGS or 3DGS: .ply, .spz, .sog, .splat, .ksplat, .glb"));
+                    ui.add_space(8.0);
+                    if ui.button(tr("Open…")).clicked() {
+                        next = Some(Action::Open);
+                    }
+                    if ui.button(tr("Open the teapot")).clicked() {
+                        self.show_next(NextScene::Bundled(BUNDLED_SPLAT));
+                    }
+                });
+            });
+        if let Some(action) = next {
+            self.act(action, false);
+        }
+    }
+
     /// Tells how the light is turned, until it was.
     pub(super) fn hint(&mut self, context: &egui::Context) {
         let knows = &mut self.preferences.knows_how_to_turn_the_light;
@@ -328,7 +356,7 @@ impl Viewer {
             .show(context, |ui| {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal(|ui| {
-                        ui.label(tr("Shift + right drag turns the light. Drop a splat or an HDRI on the window."));
+                        ui.label(tr("Shift + right drag rotates the light. Drop a splat or an HDRI on the window."));
                         let close = ui.small_button("×").on_hover_text(tr("Do not show it again"));
                         named(&close, egui::Role::Button, tr("Close the hint"));
                         *knows |= close.clicked();
@@ -369,7 +397,9 @@ impl Viewer {
             .resizable(false)
             .show(context, |ui| {
                 ui.label(concat!("transplat ", env!("CARGO_PKG_VERSION")));
-                ui.label(tr("Relights captured objects by spherical-harmonic radiance transfer, after the paper “TranSplat”."));
+                ui.label(tr(
+                    "Relights captured objects by radiance transfer, after the paper “TranSplat”.",
+                ));
             });
         self.shown.about = open && !escape;
     }
@@ -380,7 +410,7 @@ impl Viewer {
         };
         let (mut open, mut is_shown) = (true, true);
         let mut act = None;
-        in_the_middle(tr("By path"), self.viewport.rect)
+        in_the_middle(tr("Path"), self.viewport.rect)
             .open(&mut is_shown)
             .show(context, |ui| {
                 let label = ui.label(match &field.dialog {
@@ -440,33 +470,6 @@ impl Viewer {
         }
     }
 
-    /// Asks before a file is written over.
-    pub(super) fn replace_window(&mut self, context: &egui::Context) {
-        let Some((path, kind)) = self.replacing.clone() else {
-            return;
-        };
-        let asked = question("replace").show(context, |ui| {
-            ui.label(tr_format!("{} is there already.", path.display()));
-            ui.horizontal(|ui| {
-                if ui.button(tr("Replace it")).clicked() {
-                    self.replacing = None;
-                    self.save_to(&path, kind, true);
-                }
-                let keep = ui.button(tr("Keep it"));
-                // Enter that was for the name is no answer: the first frame has no focus yet.
-                if ui.memory(|m| m.focused().is_none()) {
-                    keep.request_focus();
-                }
-                if keep.clicked() {
-                    self.replacing = None;
-                }
-            });
-        });
-        if asked.should_close() {
-            self.replacing = None;
-        }
-    }
-
     /// A picture as it would be saved, as large as there is room.
     pub(super) fn preview_window(&mut self, context: &egui::Context) {
         let Some(picture) = &self.preview else {
@@ -489,7 +492,7 @@ impl Viewer {
                 ui.add(image.alt_text(tr("The image as it would be saved")));
                 if is_old {
                     ui.horizontal(|ui| {
-                        ui.weak(tr("Something was changed since."));
+                        ui.weak(tr("The scene has changed since."));
                         again = ui.button(tr("Preview again")).clicked();
                     });
                 }
@@ -531,8 +534,8 @@ impl Viewer {
         let asked = question("quit").show(context, |ui| {
             ui.label(match count {
                 _ if quitting.waits => tr("The window closes once all is saved.").into(),
-                0 | 1 => tr("An export is not done yet.").into(),
-                count => tr_format!("{count} exports are not done yet.", count = count),
+                0 | 1 => tr("An export is still running.").into(),
+                count => tr_format!("{count} exports are still running.", count = count),
             });
             ui.horizontal(|ui| {
                 // It keeps its place: a second click must not meet another button.
@@ -547,7 +550,7 @@ impl Viewer {
                     self.session.jobs.cancel(Kind::Export);
                     context.send_viewport_cmd(egui::ViewportCommand::Close);
                 }
-                if ui.button(tr("Stay")).clicked() {
+                if ui.button(tr("Cancel")).clicked() {
                     self.quitting = None;
                 }
             });
@@ -570,7 +573,7 @@ impl Viewer {
         painter.text(
             rect.center(),
             egui::Align2::CENTER_CENTER,
-            tr("Drop splats, environments, folders of environments, looks, tables of colours.\nOn a slot below: the light of that slot."),
+            tr("Drop splats, environments, looks or LUTs.\nDrop an environment on a slot below to use it there."),
             egui::FontId::proportional(20.0),
             Color32::WHITE,
         );

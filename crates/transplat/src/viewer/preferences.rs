@@ -10,6 +10,7 @@ use transplat_core::scene::Scene;
 use transplat_core::settings::TransferSettings;
 
 use super::export::task::ExportSettings;
+use super::gestures::NavigationPreset;
 use super::tabs::Tab;
 
 /// Files that are remembered as recent.
@@ -34,6 +35,11 @@ pub struct Preferences {
     pub directions: usize,
     pub shadow_catcher: bool,
     pub recent: Vec<PathBuf>,
+    /// File that the last session was saved in.
+    pub document: Option<PathBuf>,
+    /// True where bakes are saved beside their splats, not in the user's cache.
+    pub bakes_beside: bool,
+    pub navigation: NavigationPreset,
     pub export: ExportSettings,
     pub tab: Tab,
     pub knows_how_to_turn_the_light: bool,
@@ -55,6 +61,9 @@ impl Default for Preferences {
             directions: DEFAULT_DIRECTIONS,
             shadow_catcher: false,
             recent: Vec::new(),
+            document: None,
+            bakes_beside: false,
+            navigation: NavigationPreset::default(),
             export: ExportSettings::default(),
             tab: Tab::default(),
             knows_how_to_turn_the_light: false,

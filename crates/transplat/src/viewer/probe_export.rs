@@ -26,7 +26,7 @@ impl Session {
     pub fn save_light_here(&mut self, folder: &str) {
         let at = self.selected;
         let Some(asset) = self.asset() else {
-            self.error(tr("there is nothing to be seen yet"));
+            self.error(tr("There is nothing to preview yet."));
             return;
         };
         let object = self.object();
@@ -53,7 +53,7 @@ impl Session {
                 let radiance = map.sample(turn * d);
                 std::array::from_fn(|c| gain[c] * radiance[c])
             };
-            let cloud = whole.cloud().context(tr("no object is shown"))?;
+            let cloud = whole.cloud().context(tr("No object is visible."))?;
             let (painter, _) = device.fastest().painter(&cloud)?;
             let beyond = Beyond {
                 environment: Some(&sky as RadianceToward<'_>),
@@ -67,10 +67,10 @@ impl Session {
             Ok((path, probe.clipped_light))
         };
         self.start(Kind::Export, label, work, |session, (path, clipped)| {
-            session.info(tr_format!("saved {}, and added it to the library", path.display()));
+            session.info(tr_format!("Saved {} and added it to the library.", path.display()));
             if clipped > CLIPPED {
                 session.info(tr_format!(
-                    "{} of that light is clipped at white: it was brighter there; transplat probe --clipped-like brings some of it back",
+                    "{} of this light is clipped at white. transplat probe --clipped-like restores some of it.",
                     percent(clipped)));
             }
             session.events.push(Event::Light(path));

@@ -140,7 +140,7 @@ impl Session {
         let has_room = self.project.scene.lights.len() + more <= MOST_LIGHTS;
         if !has_room {
             self.error(tr_format!(
-                "a scene has {MOST_LIGHTS} lights of its own at most; remove some",
+                "A scene holds up to {MOST_LIGHTS} placed lights. Remove some first.",
                 MOST_LIGHTS = MOST_LIGHTS
             ));
         }
@@ -187,12 +187,12 @@ impl Session {
         // Of what is neither a rig nor anything else it is told why.
         let is_other = |kind| !matches!(kind, FileKind::Rig | FileKind::Look);
         if file_kind(path).is_ok_and(is_other) {
-            let why = tr("is no rig of lights, which is asked for here");
+            let why = tr("is not a light rig.");
             return self.error(format!("{}: {why}", path.display()));
         }
         match load_rig(path) {
             Ok(rig) if rig.lights.is_empty() && rig.environment.is_none() => {
-                let why = tr("holds no lights; those that are here stay");
+                let why = tr("No lights in this file. The placed lights are unchanged.");
                 self.error(format!("{}: {why}", path.display()));
             }
             Ok(mut rig) => {
@@ -224,7 +224,7 @@ impl Session {
         );
         let rig = Rig::of(lights, uniform.or(sky));
         match save_rig(path, &rig) {
-            Ok(()) => self.info(tr_format!("saved {}", path.display())),
+            Ok(()) => self.info(tr_format!("Saved {}.", path.display())),
             Err(error) => self.error(error.to_string()),
         }
     }
@@ -250,7 +250,7 @@ impl Session {
         };
         let label = tr("saving the light as an environment");
         self.start(Kind::Export, label, work, |session, path| {
-            let saved = tr_format!("saved {}, and added it to the library", path.display());
+            let saved = tr_format!("Saved {} and added it to the library.", path.display());
             session.info(saved);
             session.events.push(Event::Light(path));
         });
@@ -260,9 +260,7 @@ impl Session {
     pub fn take_out_suns(&mut self) {
         let suns = self.suns();
         if suns.is_empty() {
-            return self.info(tr(
-                "there is no sun in it: no spot that is small and holds much of the light",
-            ));
+            return self.info(tr("No sun found: no small spot holds much of the light."));
         }
         if !self.has_room_for(suns.len()) {
             return;

@@ -15,6 +15,7 @@ use transplat_gpu::Context;
 use transplat_gpu::live::{Drawing, Live};
 
 use transplat_engine::bake::Baked;
+use transplat_engine::bundled::is_bundled;
 use transplat_engine::environments::Environment;
 use transplat_engine::jobs::{Handle, Job, Jobs, Kind, Wake};
 use transplat_engine::language::tr_later;
@@ -145,6 +146,8 @@ pub struct Session {
     /// Result of the extreme cases; empty until they are tried.
     pub extremes: String,
     pub(super) events: Vec<Event>,
+    /// Folder that images are saved in.
+    pub image_folder: PathBuf,
     /// Files that were opened and are good, to be remembered.
     pub opened: Vec<PathBuf>,
 }
@@ -171,6 +174,7 @@ impl Session {
             measured: HashMap::new(),
             extremes: String::new(),
             events: Vec::new(),
+            image_folder: PathBuf::new(),
             opened: Vec::new(),
         }
     }
@@ -221,6 +225,17 @@ impl Session {
         }
         let last = self.project.scene.objects.len() - 1;
         self.selected = self.selected.min(last);
+    }
+
+    /// Folder that a dialog begins in: that of the splat, or of images where the splat comes with the program.
+    pub fn folder_of(&self, dialog: &Dialog) -> PathBuf {
+        let is_of_images = matches!(
+            dialog,
+            Dialog::Save(SaveKind::Screenshot | SaveKind::Folder, _)
+        );
+        let own = self.asset().and_then(|asset| asset.path.parent());
+        let own = own.filter(|own| !is_of_images && !is_bundled(own));
+        own.unwrap_or(&self.image_folder).to_owned()
     }
 
     /// Its settings.

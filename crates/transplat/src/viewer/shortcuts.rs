@@ -2,15 +2,18 @@
 
 use eframe::egui::{Key, Modifiers};
 
+use super::gizmo::KeyedTransform;
 use super::tabs::Tab;
 use transplat_engine::language::{tr, tr_later};
 
 /// Action of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
+    New,
     Open,
     OpenFolder,
     SaveLook,
+    SaveLookAs,
     ExportSplat,
     Screenshot,
     Copy,
@@ -31,6 +34,7 @@ pub enum Action {
     LastView,
     NextLook,
     LastLook,
+    Transform(KeyedTransform),
     Grid,
     Probes,
     Timeline,
@@ -49,7 +53,8 @@ pub enum Action {
 }
 
 /// Key, modifiers, action, and what is said of it.
-pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
+pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 49] = [
+    (CTRL, Key::N, Action::New, tr_later("new scene")),
     (CTRL, Key::O, Action::Open, tr_later("open files")),
     (
         CTRL_SHIFT,
@@ -57,7 +62,8 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
         Action::OpenFolder,
         tr_later("open a folder of environments"),
     ),
-    (CTRL, Key::S, Action::SaveLook, tr_later("save the look")),
+    (CTRL, Key::S, Action::SaveLook, tr_later("save")),
+    (CTRL_SHIFT, Key::S, Action::SaveLookAs, tr_later("save as")),
     (
         CTRL,
         Key::E,
@@ -84,7 +90,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
         NONE,
         Key::Delete,
         Action::Remove,
-        tr_later("take the object out of the scene"),
+        tr_later("remove the object"),
     ),
     (NONE, Key::F, Action::Frame, tr_later("frame the object")),
     (
@@ -93,63 +99,66 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
         Action::Orthographic,
         tr_later("perspective or orthographic"),
     ),
-    (
-        CTRL,
-        Key::Num1,
-        Action::Front,
-        tr_later("look from the front"),
-    ),
-    (
-        CTRL,
-        Key::Num2,
-        Action::Right,
-        tr_later("look from the right"),
-    ),
-    (CTRL, Key::Num3, Action::Top, tr_later("look from the top")),
+    (CTRL, Key::Num1, Action::Front, tr_later("front view")),
+    (CTRL, Key::Num2, Action::Right, tr_later("right view")),
+    (CTRL, Key::Num3, Action::Top, tr_later("top view")),
     (
         NONE,
         Key::C,
         Action::NextCompare,
-        tr_later("next way to compare"),
+        tr_later("next comparison"),
     ),
-    (
-        NONE,
-        Key::P,
-        Action::Pin,
-        tr_later("pin the look, to compare others with it"),
-    ),
+    (NONE, Key::P, Action::Pin, tr_later("pin the look")),
     (
         NONE,
         Key::T,
         Action::SwapPinned,
-        tr_later("the pinned look and this one, in turn"),
+        tr_later("swap with the pinned look"),
     ),
-    (CTRL, Key::B, Action::KeepView, tr_later("keep view")),
+    (CTRL, Key::B, Action::KeepView, tr_later("save the view")),
     (
         NONE,
         Key::PageDown,
         Action::NextView,
-        tr_later("next kept view"),
+        tr_later("next saved view"),
     ),
     (
         NONE,
         Key::PageUp,
         Action::LastView,
-        tr_later("previous kept view"),
+        tr_later("previous saved view"),
     ),
     (
         CTRL,
         Key::PageDown,
         Action::NextLook,
-        tr_later("next kept look"),
+        tr_later("next saved look"),
     ),
     (
         CTRL,
         Key::PageUp,
         Action::LastLook,
-        tr_later("previous kept look"),
+        tr_later("previous saved look"),
     ),
-    (NONE, Key::G, Action::Grid, tr_later("grid")),
+    (
+        NONE,
+        Key::G,
+        Action::Transform(KeyedTransform::Move),
+        tr_later("move the object (X, Y, Z: along an axis)"),
+    ),
+    (
+        NONE,
+        Key::R,
+        Action::Transform(KeyedTransform::Rotate),
+        tr_later("rotate the object"),
+    ),
+    (
+        NONE,
+        Key::S,
+        Action::Transform(KeyedTransform::Scale),
+        tr_later("scale the object"),
+    ),
+    (SHIFT, Key::G, Action::Grid, tr_later("grid")),
     (NONE, Key::L, Action::Probes, tr_later("light probes")),
     (NONE, Key::J, Action::Timeline, tr_later("timeline")),
     (NONE, Key::K, Action::Marks, tr_later("mark low confidence")),
@@ -159,19 +168,14 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
         Action::Background,
         tr_later("environment or plain background"),
     ),
-    (
-        NONE,
-        Key::M,
-        Action::Match,
-        tr_later("match the lights' strength"),
-    ),
+    (NONE, Key::M, Action::Match, tr_later("match exposure")),
     (
         CTRL_SHIFT,
         Key::X,
         Action::Swap,
         tr_later("swap the two lights"),
     ),
-    (NONE, Key::H, Action::Panels, tr_later("panels on and off")),
+    (NONE, Key::H, Action::Panels, tr_later("panels")),
     (
         NONE,
         Key::F2,
@@ -194,7 +198,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
         NONE,
         Key::F5,
         Action::Tab(Tab::Asset),
-        tr_later("the panel Asset"),
+        tr_later("the panel Objects"),
     ),
     (
         NONE,
@@ -214,13 +218,13 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
         NONE,
         Key::ArrowLeft,
         Action::NudgeLeft,
-        tr_later("turn the light 5° (shift: 1°)"),
+        tr_later("rotate the light 5° (shift: 1°)"),
     ),
     (
         NONE,
         Key::ArrowRight,
         Action::NudgeRight,
-        tr_later("turn the light back"),
+        tr_later("rotate the light back"),
     ),
     (
         NONE,
@@ -237,6 +241,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
 ];
 
 const NONE: Modifiers = Modifiers::NONE;
+const SHIFT: Modifiers = Modifiers::SHIFT;
 const CTRL: Modifiers = Modifiers::CTRL;
 const CTRL_SHIFT: Modifiers = Modifiers::CTRL.plus(Modifiers::SHIFT);
 
@@ -249,7 +254,7 @@ pub const ARROWS: [Key; 4] = [
 ];
 
 /// Gestures of the mouse and held keys, for the sheet.
-pub const GESTURES: [(&str, &str); 16] = [
+pub const GESTURES: [(&str, &str); 17] = [
     (tr_later("left drag"), tr_later("orbit")),
     (tr_later("middle drag, shift + left drag"), tr_later("pan")),
     (tr_later("wheel"), tr_later("zoom to the pointer")),
@@ -259,7 +264,7 @@ pub const GESTURES: [(&str, &str); 16] = [
     ),
     (
         tr_later("shift + right drag"),
-        tr_later("turn and tilt the light"),
+        tr_later("rotate and tilt the light"),
     ),
     (
         tr_later("click"),
@@ -267,29 +272,30 @@ pub const GESTURES: [(&str, &str); 16] = [
     ),
     (
         tr_later("drag a handle"),
-        tr_later("move, turn, scale the object (ctrl: in steps)"),
+        tr_later("move, rotate, scale the object (ctrl: in steps)"),
     ),
-    (
-        tr_later("double click"),
-        tr_later("turn about this point of the surface"),
-    ),
+    (tr_later("double click"), tr_later("orbit about this point")),
     (
         tr_later("shift + double click"),
-        tr_later("turn the light so that its highlight is there"),
+        tr_later("bring the highlight there"),
     ),
     (
         tr_later("drag a ball or the light's map"),
-        tr_later("turn the light"),
+        tr_later("rotate the light"),
     ),
     (
-        tr_later("double click on a slider"),
+        tr_later("double-click on a name"),
         tr_later("back to the default"),
     ),
     (tr_later("drag the wipe's line"), tr_later("move the split")),
     (tr_later("hold B"), tr_later("before")),
     (
         tr_later("1 to 9"),
-        tr_later("relight by this light of the library"),
+        tr_later("use this light of the library"),
+    ),
+    (
+        tr_later("numpad"),
+        tr_later("views, with Blender's navigation (lights: alt + 1 to 9)"),
     ),
     (
         tr_later("ctrl + / ctrl -"),

@@ -39,19 +39,19 @@ pub const TABS: [(Tab, Icon, &str, &str); 6] = [
         Tab::Look,
         Icon::Aperture,
         tr_later("Look"),
-        tr_later("Exposure, tones, background, and how it is relit."),
+        tr_later("Exposure, tone mapping, background and transfer."),
     ),
     (
         Tab::Camera,
         Icon::Video,
         tr_later("Camera"),
-        tr_later("Where it is seen from."),
+        tr_later("View and lens."),
     ),
     (
         Tab::Asset,
         Icon::Box,
-        tr_later("Asset"),
-        tr_later("The splats of the scene, where they stand, and what of them is hidden."),
+        tr_later("Objects"),
+        tr_later("Objects of the scene, their transforms and filters."),
     ),
     (
         Tab::Export,
@@ -63,6 +63,6 @@ pub const TABS: [(Tab, Icon, &str, &str); 6] = [
         Tab::Report,
         Icon::Gauge,
         tr_later("Report"),
-        tr_later("What relighting costs, and how far it can be trusted."),
+        tr_later("Run time, error and confidence."),
     ),
 ];

@@ -101,10 +101,7 @@ impl Timeline {
         let can_play = session.project.scene.animation.keys.len() > 1;
         let (icon, tip) = match self.is_playing {
             true => (Icon::Pause, tr("Stops here.")),
-            false => (
-                Icon::Play,
-                tr("Plays the light from key to key, again and again."),
-            ),
+            false => (Icon::Play, tr("Plays the light animation in a loop.")),
         };
         let text = RichText::new(char::from(icon)).font(style::icon());
         let play = ui.add_enabled(can_play, egui::Button::new(text));
@@ -122,23 +119,20 @@ impl Timeline {
             .speed(0.02)
             .fixed_decimals(2)
             .suffix(tr(" s"));
-        let drag = ui.add(drag).on_hover_text(tr("The time, in seconds."));
+        let drag = ui.add(drag).on_hover_text(tr("Time in seconds."));
         named(&drag, Role::SpinButton, tr("Time"));
         if drag.changed() {
             self.scrub(session, time);
         }
-        let tip = tr(
-            "Keeps the light as it is now (turn, strength, sun, and the strengths of your lights) at this time.",
-        );
+        let tip =
+            tr("Sets a key of the light at this time: rotation, strength, sun and placed lights.");
         let key = ui.button(tr("Set key")).on_hover_text(tip);
         if key.clicked() {
             self.set_key(session);
         }
         let at = session.project.scene.animation.key_at(self.time);
         ui.add_enabled_ui(at.is_some(), |ui| {
-            let tip = tr(
-                "Removes the key at this time. Over the bar, Delete removes the one that is pointed at, or else this one.",
-            );
+            let tip = tr("Removes the key at this time. (Delete over the bar)");
             if ui.button(tr("Remove key")).on_hover_text(tip).clicked() {
                 remove_key(session, self.time);
             }
@@ -148,9 +142,8 @@ impl Timeline {
             let keys = &mut session.project.scene.animation.keys;
             let key = at.and_then(|at| keys.get_mut(at));
             let mut is_smooth = key.as_ref().is_none_or(|key| key.ease == Ease::Smooth);
-            ui.checkbox(&mut is_smooth, tr("Smooth")).on_hover_text(tr(
-                "From this key to the next slowly at either end, or evenly.",
-            ));
+            ui.checkbox(&mut is_smooth, tr("Smooth"))
+                .on_hover_text(tr("Eases in and out between this key and the next."));
             if let Some(key) = key {
                 key.ease = if is_smooth {
                     Ease::Smooth
@@ -166,7 +159,7 @@ impl Timeline {
         let keys = &session.project.scene.animation.keys;
         if keys.len() >= MOST_KEYS && session.project.scene.animation.key_at(self.time).is_none() {
             return session.error(tr_format!(
-                "a scene has {MOST_KEYS} keys of light at most; remove some",
+                "A scene holds up to {MOST_KEYS} keys. Remove some first.",
                 MOST_KEYS = MOST_KEYS
             ));
         }

@@ -9,8 +9,8 @@ use transplat_core::rasterize::{Pick, pick};
 use transplat_core::surfels::UpAxis;
 
 use super::annotations::{annotate, draw_crop_box, mark_surfel, tag};
-use super::gestures::{DragStep, Gesture, Gestures, Press};
-use super::gizmo::Gizmo;
+use super::gestures::{DragStep, Gesture, Gestures, NavigationPreset, Press};
+use super::gizmo::{Gizmo, KeyedTransform};
 use super::light_handles::LightHandles;
 use super::navigation;
 use super::projection::Screen;
@@ -53,11 +53,11 @@ pub enum Placing {
 /// Says what a click or a drag does now.
 fn say_what_to_do(ui: &Ui, rect: Rect, placing: Placing) {
     let text = match placing {
-        Placing::Highlight => tr("click or drag where its reflection should be; Esc: no more"),
+        Placing::Highlight => tr("Click or drag where the light should reflect. Esc: done"),
         Placing::Shadow => {
-            tr("drag from what throws the shadow to where it should fall; Esc: no more")
+            tr("Drag from the shadow caster to where its shadow should fall. Esc: done")
         }
-        Placing::Aim => tr("click where it should shine; Esc: no more"),
+        Placing::Aim => tr("Click where the light should aim. Esc: done"),
     };
     let below = Pos2::new(rect.center().x, rect.top() + 62.0);
     tag(&ui.painter_at(rect), below, egui::Align2::CENTER_TOP, text);
@@ -66,6 +66,8 @@ fn say_what_to_do(ui: &Ui, rect: Rect, placing: Placing) {
 /// State of the viewport.
 pub struct Viewport {
     pub rect: Rect,
+    /// Buttons and keys of the camera.
+    pub navigation: NavigationPreset,
     last_move: f64,
     step: usize,
     gestures: Gestures,
@@ -77,8 +79,13 @@ pub struct Viewport {
     pub light_was_turned: bool,
     gizmo: Gizmo,
     lights: LightHandles,
+    /// Transform that a key asks for, and the one that follows the pointer.
+    pub asked_transform: Option<KeyedTransform>,
+    transform: Option<KeyedTransform>,
     /// Way that the next drag places a light.
     pub placing: Option<Placing>,
+    /// True where a transform of a key ended in this frame.
+    ended_transform: bool,
     /// True where the click of this frame placed one.
     was_placed: bool,
     /// True where the pointer was on anything that a light could be placed by, since it was pressed.
@@ -91,6 +98,7 @@ impl Default for Viewport {
     fn default() -> Self {
         Self {
             rect: Rect::NOTHING,
+            navigation: NavigationPreset::default(),
             last_move: -1e9,
             step: 1,
             gestures: Gestures::default(),
@@ -99,7 +107,10 @@ impl Default for Viewport {
             light_was_turned: false,
             gizmo: Gizmo::default(),
             lights: LightHandles::default(),
+            asked_transform: None,
+            transform: None,
             placing: None,
+            ended_transform: false,
             was_placed: false,
             has_met: false,
             judged: 0,
@@ -287,17 +298,74 @@ impl Viewport {
         picks.min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
-    /// True while something is being dragged.
+    /// True while something is being dragged, or follows the pointer.
     pub fn is_dragging(&self) -> bool {
-        self.gestures.held().is_some()
+        self.gestures.held().is_some() || self.transform.is_some()
+    }
+
+    /// Begins the transform that a key asked for, and lets it follow the pointer up to a click, Enter or Esc.
+    fn follow_transform(&mut self, ui: &Ui, session: &mut Session) {
+        let Some((camera, ..)) = self.camera_at(session, self.rect.min) else {
+            self.asked_transform = None;
+            return;
+        };
+        let at = ui.input(|i| i.pointer.latest_pos());
+        let at = at.unwrap_or(self.rect.center());
+        let screen = Screen {
+            camera: &camera,
+            part: self.part_at(session, Some(at)),
+        };
+        let of_light = session.overlays.lights;
+        if let Some(by) = self.asked_transform.take()
+            && self.rect.contains(at)
+            && !self.is_dragging()
+        {
+            let holds = match of_light {
+                true => by == KeyedTransform::Move && self.lights.hold_light(session, at, screen),
+                false => self.gizmo.hold_object(session, by, at, screen),
+            };
+            self.transform = holds.then_some(by);
+        }
+        if self.transform.is_none() {
+            return;
+        }
+        let key = |key| ui.input(|i| i.key_pressed(key));
+        for (axis, name) in [Key::X, Key::Y, Key::Z].into_iter().enumerate() {
+            if key(name) && !of_light {
+                self.gizmo.constrain(axis);
+            }
+        }
+        match of_light {
+            true => self.lights.drag(session, at, screen),
+            false => {
+                let in_steps = ui.input(|i| i.modifiers.command);
+                self.gizmo.drag(session, at, in_steps, screen);
+            }
+        }
+        let cancels = key(Key::Escape) || ui.input(|i| i.pointer.secondary_pressed());
+        if cancels {
+            self.gizmo.cancel(session);
+            self.lights.cancel(session);
+        }
+        if cancels || key(Key::Enter) || ui.input(|i| i.pointer.primary_pressed()) {
+            self.transform = None;
+            self.ended_transform = true;
+        }
     }
 
     /// Takes the pointer's events of this frame, in their order.
     fn follow_pointer(&mut self, ui: &Ui, session: &mut Session) {
         let mut has_placed = false;
         self.was_placed = false;
+        self.ended_transform = false;
+        self.follow_transform(ui, session);
         for event in ui.input(|i| i.events.clone()) {
             if let Some(press) = self.gestures.press(&event) {
+                if self.transform.is_some() || self.ended_transform {
+                    // The press ends the transform, and its click selects nothing.
+                    self.gestures.begin(Gesture::EndTransform, press);
+                    continue;
+                }
                 let is_free = ui.ctx().layer_id_at(press.at) == Some(ui.layer_id());
                 if ui.is_enabled() && is_free && self.rect.contains(press.at) {
                     let gesture = self.gesture_of(session, press);
@@ -305,24 +373,28 @@ impl Viewport {
                 }
                 continue;
             }
-            let is_placing = self.gestures.held() == Some(Gesture::Place);
+            let held = self.gestures.held();
             if let Some(step) = self.gestures.follow(&event) {
                 self.take_step(session, &step);
             }
-            has_placed |= is_placing && self.gestures.held().is_none();
+            if self.gestures.held().is_none() {
+                has_placed |= held == Some(Gesture::Place);
+                self.was_placed |= held == Some(Gesture::EndTransform);
+            }
         }
-        self.was_placed = has_placed;
+        self.was_placed |= has_placed;
         self.gestures
             .hold_only(|button| ui.input(|i| i.pointer.button_down(button)));
         let held = self.gestures.held();
-        if held != Some(Gesture::Handle) {
+        let follows = self.transform.is_some();
+        if held != Some(Gesture::Handle) && !follows {
             self.gizmo.let_go();
         }
-        if held != Some(Gesture::LightHandle) {
+        if held != Some(Gesture::LightHandle) && !follows {
             self.lights.let_go();
         }
         if has_placed && !self.has_met && self.placing != Some(Placing::Shadow) {
-            session.info(tr("nothing of the objects is there: click or drag on one"));
+            session.info(tr("Click or drag on an object."));
         }
         if (has_placed && self.has_met) || ui.input(|i| i.key_pressed(Key::Escape)) {
             self.placing = None;
@@ -331,23 +403,25 @@ impl Viewport {
 
     /// Gesture that a press begins.
     fn gesture_of(&mut self, session: &mut Session, press: Press) -> Gesture {
-        let shift = press.modifiers.shift;
-        match press.button {
-            PointerButton::Middle => Gesture::Pan,
-            PointerButton::Secondary if shift => Gesture::TurnLight,
-            PointerButton::Secondary => Gesture::LookAround,
-            _ if self.is_on_wipe(session, Some(press.at)) => Gesture::Wipe,
-            _ if shift => Gesture::Pan,
-            _ if self.placing.is_some() => {
+        let is_primary = press.button == PointerButton::Primary;
+        if is_primary && self.is_on_wipe(session, Some(press.at)) {
+            return Gesture::Wipe;
+        }
+        if let Some(gesture) = self.navigation.gesture(&press) {
+            return gesture;
+        }
+        let on_nothing = self.navigation.on_nothing();
+        match self.placing {
+            Some(_) => {
                 self.has_met = false;
                 self.place(session, press.at, press.at);
                 Gesture::Place
             }
-            _ => {
+            None => {
                 let part = self.part_at(session, Some(press.at));
                 let camera = self.camera_at(session, self.rect.min);
                 let Some((camera, ..)) = camera else {
-                    return Gesture::Orbit;
+                    return on_nothing;
                 };
                 let screen = Screen {
                     camera: &camera,
@@ -360,7 +434,7 @@ impl Viewport {
                 } else if self.gizmo.hold(session, press.at, screen) {
                     return Gesture::Handle;
                 }
-                Gesture::Orbit
+                on_nothing
             }
         }
     }
@@ -372,6 +446,12 @@ impl Viewport {
         match step.gesture {
             Gesture::Orbit => navigation::orbit(&mut session.project.pose, by),
             Gesture::Pan => navigation::pan(&mut session.project.pose, up, by, shorter),
+            Gesture::Zoom => {
+                let radius = session.project.scene_bounds().map_or(1.0, |b| b.radius);
+                let (factor, pose) = ((by.y / 150.0).exp(), &mut session.project.pose);
+                navigation::zoom(pose, up, factor, Vec2::ZERO, shorter, radius);
+            }
+            Gesture::Select | Gesture::EndTransform => {}
             Gesture::LookAround => navigation::look_around(&mut session.project.pose, up, by),
             Gesture::TurnLight => {
                 self.light_was_turned = true;
@@ -428,7 +508,7 @@ impl Viewport {
         let source = &mut session.project.scene.lights[light].source;
         match source.position() {
             Some(position) => source.put(position, there),
-            None => session.info(tr("a sun shines everywhere alike, and has no aim")),
+            None => session.info(tr("A sun has no aim. Rotate it instead.")),
         }
         true
     }
@@ -438,7 +518,7 @@ impl Viewport {
         let (object, pick) = self.picked(session, at)?;
         let (camera, ..) = self.camera_at(session, at)?;
         let Some(normal) = session.project.scene_normal(object, pick.surfel) else {
-            session.info(tr("a highlight can be put there once the object is baked"));
+            session.info(tr("Wait for the bake to place a highlight."));
             return None;
         };
         let to_eye = (camera.eye - pick.position).normalize_or_zero();
@@ -529,14 +609,14 @@ impl Viewport {
             return;
         };
         let Some(brightest) = session.light(TARGET).brightest else {
-            return session.info(tr("uniform white has no highlight to put there"));
+            return session.info(tr("Uniform white has no highlight."));
         };
         let light = &mut session.project.scene.environment;
         let in_map = brightest.as_dvec3();
         light.bring(in_map, wanted);
         let came = light.map_from_asset(UpAxis::PlusZ).transpose() * in_map;
         if came.dot(wanted.normalize_or_zero()) < NEAR_ENOUGH {
-            session.info(tr("the highlight is as near as the light can be brought without turning its world over"));
+            session.info(tr("The light cannot come closer without tilting."));
         }
     }
 

@@ -118,7 +118,7 @@ pub fn name(ui: &mut Ui, text: &str) -> Response {
 /// The tooltip of a control that a double click resets.
 fn tip(response: Response, text: &str) -> Response {
     response.on_hover_text(tr_format!(
-        "{text}\n\nDouble click on its name: back to the default.",
+        "{text}\n\nDouble-click the name to reset.",
         text = text
     ))
 }

@@ -1,5 +1,6 @@
 //! Layout of the window: menus, panels, light library, viewport, status.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use eframe::egui::{self, Key, Ui};
@@ -8,11 +9,11 @@ use super::app::{STORAGE_KEY, Viewer};
 use super::files::ask;
 use super::history;
 use super::light_library;
+use super::mode_chips;
 use super::panels;
 use super::session::Dialog;
 use super::tabs::{LightPage, Tab};
 use super::timeline;
-use transplat_engine::language::tr_format;
 
 /// Interval at which work and settings are saved.
 const KEEPS_AFTER: Duration = Duration::from_secs(5);
@@ -22,9 +23,10 @@ impl eframe::App for Viewer {
         self.check_device(context);
         self.open_dropped(context);
         self.add_next();
-        self.fit_text(context);
+        self.fit_screen(context);
         self.keys(context);
         self.timeline.play(context, &mut self.session);
+        self.session.image_folder = PathBuf::from(&self.preferences.export.folder);
         for event in self.session.update() {
             self.deal_with(context, event);
         }
@@ -43,6 +45,9 @@ impl eframe::App for Viewer {
         let is_between = self.session.project.is_loading_asset() || self.viewport.is_dragging();
         let is_between = is_between || self.timeline.is_moving();
         if !is_between && !is_comparing {
+            if self.to_add.is_empty() && self.session.asset().is_some() {
+                self.document.note_opened(&self.session.project.scene);
+            }
             let scene = self.session.project.scene_as_step();
             if !scene.animation.keys.is_empty() {
                 self.history.went_to(self.timeline.time(), &scene);
@@ -59,10 +64,7 @@ impl eframe::App for Viewer {
         }
         self.store_lights();
         self.remember_opened();
-        let title = match self.session.asset() {
-            Some(asset) => tr_format!("{} – transplat", asset.name()),
-            None => "transplat".into(),
-        };
+        let title = self.document_title();
         if self.title != title {
             context.send_viewport_cmd(egui::ViewportCommand::Title(title.clone()));
             self.title = title;
@@ -107,14 +109,17 @@ impl eframe::App for Viewer {
             self.viewport.placing = None;
         }
         egui::CentralPanel::no_frame().show(ui, |ui| {
+            self.viewport.navigation = self.preferences.navigation;
             self.viewport.show(ui, &mut self.session, hold_before);
         });
         let context = ui.ctx().clone();
         self.light_probes(&context);
         self.hint(&context);
+        self.empty_scene(&context);
+        mode_chips::show(&context, self.viewport.rect, &mut self.session);
         self.jobs_and_messages(&context);
         self.path_window(&context);
-        self.replace_window(&context);
+        self.answer_question(&context);
         self.quit_window(&context);
         self.preview_window(&context);
         self.sheet_of_shortcuts(&context);
@@ -132,6 +137,7 @@ impl eframe::App for Viewer {
             self.preferences.keep(&self.session.project.scene);
         }
         self.keep_work();
+        self.preferences.document = self.document.path.clone();
         self.preferences.grid = self.session.overlays.grid;
         let absent = self.light_library.absent.iter();
         self.preferences.light_library = Some(

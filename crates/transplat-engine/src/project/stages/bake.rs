@@ -7,8 +7,7 @@ use transplat_core::bake::strata;
 use transplat_core::files::inspect_bake;
 use transplat_core::settings::Method;
 
-use crate::bake::{self, BakeRequest, Baked};
-use crate::capture::kept_beside;
+use crate::bake::{self, BakePlace, BakeRequest, Baked};
 use crate::jobs::{Handle, Kind, Work};
 use crate::language::{tr, tr_format};
 use crate::object::BakeKey;
@@ -96,6 +95,7 @@ impl Project {
     fn bake(&mut self, at: usize, method: Method, what: &str) {
         self.cancel_bakes(at);
         let key = self.bake_key(method);
+        let is_beside = self.bakes_are_beside;
         let state = &mut self.states[at];
         let Some(asset) = &state.asset else {
             return;
@@ -110,6 +110,8 @@ impl Project {
             false => is_set,
         });
         let is_read = saved.is_some();
+        // The paper's bake of a part cannot be told from that of the whole.
+        let is_saved = is_seen && (asset.part.is_none() || method == Method::Directional);
         let part = asset.part.clone();
         let (part, path) = (
             part.filter(|_| method == Method::Directional),
@@ -121,7 +123,10 @@ impl Project {
             directions: key,
             optimizations: self.scene.transfer.optimizations,
             part_of: None,
-            beside: kept_beside(&path, asset.part.as_ref(), method).filter(|_| is_seen),
+            place: is_saved.then(|| BakePlace {
+                splat: path.clone(),
+                is_beside,
+            }),
         };
         let label = tr_format!(
             "baking {what} of {asset}",
@@ -138,13 +143,13 @@ impl Project {
             let saved = saved.as_deref();
             if let Some(part) = &part {
                 let of_whole = part.of_whole(&device, wanted.optimizations, &progress);
-                wanted.part_of = Some(of_whole.context(tr("the bake failed"))?);
+                wanted.part_of = Some(of_whole.context(tr("The bake failed"))?);
             }
             if !is_seen {
                 return bake::whole(&device, &wanted, saved, &progress);
             }
             bake::refined(&device, &wanted, saved, &progress, preview)
-                .context(tr("the bake failed"))
+                .context(tr("The bake failed"))
         };
         let what = match is_seen || !is_read {
             true => Work::Bake(method),

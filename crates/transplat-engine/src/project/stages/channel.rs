@@ -60,7 +60,7 @@ impl Project {
         let work = move |_: &_| Ok(material_colors(view, &prepared));
         self.start(
             kind,
-            tr("finding what it is made of"),
+            tr("separating materials"),
             work,
             move |project, colors| {
                 let Some(at) = project.at(id) else {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use transplat_core::estimate::estimate_light;
 
+use crate::bake::BakePlace;
 use crate::environments::Environment;
 use crate::estimate::{make_and_keep, why_not};
 use crate::jobs::{Handle, Kind, Work};
@@ -14,7 +15,7 @@ use crate::words::of_error;
 
 /// For the user, where nobody told the light.
 pub const DROP_IT: &str =
-    tr_later("Drop the environment of the capture on “Capture light”, if there is one");
+    tr_later("Drop the environment of the capture on “Capture light”, if you have it");
 
 impl Project {
     /// True where the settings request the estimated capture light.
@@ -72,14 +73,18 @@ impl Project {
             return;
         };
         state.estimate.ask(&());
-        let (path, cloud, id) = (asset.path.clone(), asset.whole_cloud().clone(), state.id);
+        let (cloud, id) = (asset.whole_cloud().clone(), state.id);
+        let place = BakePlace {
+            splat: asset.path.clone(),
+            is_beside: self.bakes_are_beside,
+        };
         let label = tr_format!("estimating the light of {}", asset.name());
         let kind = Kind::Of(id, Work::Estimate);
         let is_kept = self.canvas.is_some();
         let work = move |handle: &Handle<_>| {
             let report = |done| handle.progress(done);
             Ok(match is_kept {
-                true => make_and_keep(&path, &cloud, &bake, &report)?,
+                true => make_and_keep(&place, &cloud, &bake, &report)?,
                 false => estimate_light(&cloud, &bake, &report)?,
             })
         };
@@ -96,7 +101,9 @@ impl Project {
         let state = &mut self.states[at];
         let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
         if was_awaited && !is_on_its_way && state.estimate.get().is_none() {
-            self.info(tr("the capture light was not estimated. The page Capture light of the panel Light estimates it again"));
+            self.info(tr(
+                "The capture light was not estimated. Estimate it again in Light > Capture light.",
+            ));
         }
     }
 
@@ -128,7 +135,7 @@ impl Project {
         if is_new && !is_known && self.scene.objects[at].source.is_estimate() {
             let message = match estimate.obstacle {
                 None => tr_format!(
-                    "the light of the capture is estimated from the object (confidence {percent:.0} %); its strength and tint are assumed. {drop_it}",
+                    "The capture light is estimated from the object (confidence {percent:.0} %). Strength and tint are assumed. {drop_it}",
                     percent = estimate.percent(),
                     drop_it = tr(DROP_IT)
                 ),

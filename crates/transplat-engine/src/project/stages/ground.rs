@@ -34,7 +34,7 @@ impl Project {
         if !self.jobs.is_awaited(kind) && self.ground.ask(&key) {
             let work = move |handle: &Handle<Change>| {
                 let progress = |done| handle.progress(done);
-                let cloud = SurfelCloud::whole(&placed).context(tr("nothing is shown"))?;
+                let cloud = SurfelCloud::whole(&placed).context(tr("Nothing is visible."))?;
                 Ok(Ground::bake(&cloud, up, directions, &progress)?)
             };
             self.start(

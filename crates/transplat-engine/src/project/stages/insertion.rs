@@ -112,12 +112,12 @@ impl Project {
                         directions,
                         optimizations,
                         part_of: None,
-                        beside: None,
+                        place: None,
                     };
                     let progress = |done: f64| handle.progress((i as f64 + done) / count);
                     match bake::bake(&device.fastest(), &wanted, &progress)? {
                         Bake::Harmonic(bake) => bake,
-                        _ => bail!(tr("the bake is for the other preset")),
+                        _ => bail!(tr("The bake is for the other preset.")),
                     }
                 };
                 standing.push(Standing {

@@ -57,11 +57,11 @@ impl Export {
         let at = match task {
             Task::Delit(_) => session.selected,
             _ if !project.has_asset() => session.selected,
-            _ => first.context(tr("no object is shown: there is nothing to save"))?,
+            _ => first.context(tr("No object is visible, so there is nothing to save."))?,
         };
         let asset = project.states[at].asset.as_ref();
         let Some((asset, baked)) = asset.zip(project.baked_of(at)) else {
-            bail!(tr("there is nothing to save yet"));
+            bail!(tr("There is nothing to save yet."));
         };
         let (name, share) = (asset.name(), baked.share);
         let is_delit = matches!(task, Task::Delit(_));
@@ -71,12 +71,12 @@ impl Export {
         let is_relit = is_each || matches!(task, Task::Splat(_)) || view.needs_relit();
         let is_layered = settings.format == ImageFormat::ExrLayers;
         if is_layered && task.is_of_images() && !is_each && view != View::After {
-            bail!(tr("layers are of what is relit: choose After"));
+            bail!(tr("Layers need the relit image. Choose After."));
         }
         let needs_scene = is_composed && (is_relit || view == View::Visibility);
         if needs_scene && project.scene_transfer_of_now().is_none() {
             bail!(tr(
-                "the objects are still being prepared; try again when that is done"
+                "The objects are still being prepared. Try again when that is done."
             ));
         }
         let mut copy = match is_delit {
@@ -98,13 +98,13 @@ impl Export {
         let light_library = known.collect();
         if project.is_estimating(at) {
             session.info(tr(
-                "the light of the capture is still being estimated: what is saved takes an assumed one",
+                "The capture light is still being estimated: saved images use an assumed one.",
             ));
         }
         if share < 1.0 {
             let percent = 100.0 * share;
             session.info(tr_format!(
-                "the bake is at {percent:.0} %: the shadows of what is saved are coarse",
+                "The bake is at {percent:.0} %: saved shadows are coarse.",
                 percent = percent
             ));
         }
@@ -156,7 +156,7 @@ impl Export {
                     as_what = as_what
                 )
             }
-            Task::Animation => tr_format!("light over time on {name}", name = name),
+            Task::Animation => tr_format!("light animation of {name}", name = name),
             Task::Splat(path) => tr_format!("relit splat {}", file(path)),
             Task::Delit(path) => tr_format!("delit splat {}", file(path)),
         }
@@ -254,7 +254,7 @@ impl<'a> ExportRun<'a> {
                 let frames = self.shots.project.scene.animation.frames(frame_rate);
                 if frames > MOST_FRAMES {
                     bail!(tr_format!(
-                        "the animation has {frames} frames; {MOST_FRAMES} are possible: fewer a second, or less time between its keys",
+                        "The animation has {frames} frames, and up to {MOST_FRAMES} are possible. Lower the frame rate or its length.",
                         frames = frames,
                         MOST_FRAMES = MOST_FRAMES
                     ));
@@ -290,7 +290,7 @@ impl<'a> ExportRun<'a> {
     pub(super) fn need_lights(&self) -> Result<()> {
         if self.light_library.is_empty() {
             bail!(tr(
-                "the light library is empty; drop environments on the window first"
+                "The light library is empty. Drop environments on the window first."
             ));
         }
         Ok(())
@@ -386,6 +386,8 @@ impl<'a> ExportRun<'a> {
             pattern => pattern.to_owned(),
         };
         let mut stem = pattern
+            .replace("{splat}", &self.name)
+            // Its name in settings of version 0.1.
             .replace("{asset}", &self.name)
             .replace("{light}", light)
             .replace("{view}", view)
@@ -471,7 +473,7 @@ impl<'a> ExportRun<'a> {
     /// The first object that is shown.
     fn asset(&self) -> Result<Splat> {
         let first = self.shots.project.shown().next();
-        let (_, _, asset) = first.context(tr("no object is shown"))?;
+        let (_, _, asset) = first.context(tr("No object is visible."))?;
         Ok(asset.clone())
     }
 

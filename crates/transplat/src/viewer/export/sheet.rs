@@ -36,7 +36,7 @@ pub(super) fn contact_sheet(run: &mut ExportRun<'_>) -> Result<ExportResult> {
     let cell = height + caption;
     if width * columns * cell * rows > MAX_SAMPLES {
         bail!(tr_format!(
-            "{count} images of {width} x {height} make too large a sheet; lower the size",
+            "{count} images of {width} x {height} make too large a sheet. Lower the size.",
             count = count,
             width = width,
             height = height

@@ -68,7 +68,7 @@ impl Default for ExportSettings {
             supersample: 2,
             transparent: false,
             sides: ExportSides::default(),
-            pattern: "{asset}_{light}_{view}".into(),
+            pattern: "{splat}_{light}_{view}".into(),
             folder: folder.map_or(".".into(), |f| f.display().to_string()),
             frames: 36,
             turn: Turn::default(),
@@ -129,14 +129,17 @@ impl Task {
                 let format = match &*extension.to_lowercase() {
                     "png" => ImageFormat::Png8,
                     "exr" => ImageFormat::ExrHalf,
-                    _ => bail!(tr_format!("{}: an image is .png or .exr", path.display())),
+                    _ => bail!(tr_format!(
+                        "{}: an image is .png or .exr. Change the ending.",
+                        path.display()
+                    )),
                 };
                 if settings.format.is_linear() != format.is_linear() {
                     settings.format = format;
                 }
             }
             Self::ContactSheet if settings.format == ImageFormat::ExrLayers => {
-                bail!(tr("a contact sheet has no layers: choose another format"))
+                bail!(tr("A contact sheet has no layers. Choose another format."))
             }
             _ => {}
         }
@@ -144,7 +147,7 @@ impl Task {
         let factor = settings.supersample;
         if self.is_of_images() && width * height * factor * factor > MAX_SAMPLES {
             bail!(tr_format!(
-                "an image of {width} x {height} with {factor} x {factor} samples a pixel is too large; {MAX_SAMPLES} samples are possible",
+                "An image of {width} x {height} with {factor} x {factor} samples is too large. Lower the size or the samples (at most {MAX_SAMPLES} in all).",
                 width = width,
                 height = height,
                 factor = factor,

@@ -25,7 +25,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     };
     file(ui, &asset.path);
     let kind = match asset.file.report.kind {
-        SplatKind::Surfels2d => tr("2D surfels"),
+        SplatKind::Surfels2d => tr("2D Gaussians"),
         SplatKind::Gaussians3d => tr("3D Gaussians"),
     };
     let (n, degree) = (asset.cloud.len(), asset.cloud.sh_degree);
@@ -46,9 +46,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         ui.label(tr("Up axis"));
         for (name, axis) in UpAxis::ALL {
-            let chosen = ui.selectable_label(up == axis, name).on_hover_text(tr(
-                "Which way is up in the splat's own coordinates. Lights, ground and camera follow.",
-            ));
+            let chosen = ui
+                .selectable_label(up == axis, name)
+                .on_hover_text(tr("Up axis of the splat."));
             if chosen.clicked() && up != axis {
                 session.object_mut().up = Some(axis);
                 if session.selected > 0 && !session.object().locked {
@@ -64,9 +64,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         }
     });
     ui.checkbox(&mut session.object_mut().linear, tr("Linear colour"))
-        .on_hover_text(tr(
-            "Set this where the splat was trained on linear images: its colour is not decoded.",
-        ));
+        .on_hover_text(tr("For splats that were trained on linear images."));
     front(ui, viewer);
     noise(ui, &viewer.session);
     let mut turned = 0.0;
@@ -114,7 +112,7 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
     }
     let guessed = session.bake_so_far().and_then(|b| b.ambiguous_share());
     ui.horizontal(|ui| {
-        let tip = tr("Takes what is seen from here as the outside of thin sheets. Several places add up. The object is baked again.");
+        let tip = tr("Marks what is visible from here as the outside of thin sheets. Bakes again.");
         if button(ui, tr("Use this side as outside"), tip) {
             let eye = navigation::eye(&session.project.pose, session.project.scene_up());
             let object_from_scene = session.object().transform.scene_from_object().inverse();
@@ -126,18 +124,28 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
         }
         let count = session.object().outside_from.len();
         let views = if count == 1 { tr("view") } else { tr("views") };
-        if count > 0 && ui.button(tr_format!("Forget {count} {views}", count = count, views = views)).clicked() {
+        if count > 0
+            && ui
+                .button(tr_format!(
+                    "Forget {count} {views}",
+                    count = count,
+                    views = views
+                ))
+                .clicked()
+        {
             session.object_mut().outside_from.clear();
         }
         if let Some(share) = guessed {
-            ui.weak(tr_format!("ambiguous {:.1} %", 100.0 * share))
-                .on_hover_text(tr("Visible share with uncertain normal orientation. The channel Confidence shows where."));
+            ui.weak(tr_format!("uncertain {:.1} %", 100.0 * share))
+                .on_hover_text(tr(
+                    "Visible share with uncertain normal orientation; see the channel Confidence.",
+                ));
         }
     });
     if guessed.is_some_and(|share| share > AMBIGUOUS_SHARE) {
         ui.colored_label(
             ui.visuals().warn_fg_color,
-            tr("Much of its normal orientation is uncertain (channel Confidence). Turn the object so that you see its outside, and click this."),
+            tr("Much of the normal orientation is uncertain (channel Confidence). Look at the outside and click this."),
         );
     }
 }
@@ -148,7 +156,10 @@ fn noise(ui: &mut Ui, session: &Session) {
     if let Some(degrees) = noise.filter(|degrees| *degrees >= DOUBTFUL_NORMAL_NOISE) {
         ui.colored_label(
             ui.visuals().warn_fg_color,
-            tr_format!("Its normals are noisy (half of what is seen by {degrees:.0} degrees and more): shading and highlights are only rough.", degrees = degrees),
+            tr_format!(
+                "Normals are noisy (median {degrees:.0}°): shading and highlights are approximate.",
+                degrees = degrees
+            ),
         );
     }
 }
@@ -157,7 +168,7 @@ fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
     ui.label(tr("Hide (nothing is edited)"));
     Control {
         label: tr("Min. opacity"),
-        tip: tr("Hides Gaussians of less opacity than this, such as haze."),
+        tip: tr("Hides Gaussians of lower opacity, such as haze."),
         decimals: 3,
         ..Control::of(0.0..=1.0, 0.0)
     }
@@ -165,21 +176,19 @@ fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
     Control {
         label: tr("Max. size"),
         unit: tr(" radii"),
-        tip: tr("Hides Gaussians larger than this share of the object, such as floaters and background. 1 hides none."),
+        tip: tr(
+            "Hides Gaussians larger than this share of the object, such as floaters. 1 hides none.",
+        ),
         decimals: 3,
         logarithmic: true,
         ..Control::of(0.001..=1.0, 1.0)
     }
     .show(ui, &mut hide.max_size);
     ui.checkbox(&mut hide.crop, tr("Crop box"))
-        .on_hover_text(tr(
-            "What lies outside of a box around the object is not drawn.",
-        ));
+        .on_hover_text(tr("Hides what lies outside of a box."));
     if let Some([low, high]) = proposed {
         let is_it = hide.crop && (hide.crop_min, hide.crop_max) == (low, high);
-        let tip = tr(
-            "A box around what was photographed from all around: what lies far from it is not drawn.",
-        );
+        let tip = tr("Crops to what was photographed from all sides.");
         if !is_it && button(ui, tr("Crop to the object"), tip) {
             (hide.crop, hide.crop_min, hide.crop_max) = (true, low, high);
         }
@@ -195,7 +204,7 @@ fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
                         .prefix(format!("{side} "))
                         .suffix(tr(" radii"));
                     let response = ui.add(drag).on_hover_text(tr(
-                        "A side of the box, in the object's radius around its centre.",
+                        "A side of the box, in radii of the object from its centre.",
                     ));
                     named(
                         &response,
@@ -215,16 +224,14 @@ fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
 
 /// Objects that are cut out of a capture.
 fn cut(ui: &mut Ui, session: &mut Session) {
-    let tip = tr(
-        "Makes two objects of this one: what lies in the crop box, and the rest. Each can be moved; both know how they were lit side by side. (Undo puts them together again.)",
-    );
+    let tip = tr("Splits the object in two: what lies in the crop box, and the rest.");
     if session.object().hide.crop && button(ui, tr("Cut out"), tip) {
         session.project.cut_out(session.selected);
     }
     if let Some(part) = session.asset().and_then(|a| a.part.as_ref()) {
         let (taken, all) = (part.surfels.len(), part.capture.cloud.len());
         ui.weak(tr_format!(
-            "cut out of a capture: {} of {} Gaussians",
+            "Cut out of a capture: {} of {} Gaussians",
             thousands(taken),
             thousands(all)
         ));
@@ -249,7 +256,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         let row = asset.file.row_of(i).unwrap_or(i);
         ui.label(tr_format!("Gaussian {}", thousands(row)))
-            .on_hover_text(tr("The row of its file, the first is 0."));
+            .on_hover_text(tr("Row in its file, from 0."));
         close = ui.small_button(tr("close")).clicked();
     });
     fact(ui, tr("position"), vector(cloud.positions[i]));
@@ -263,7 +270,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
         let mut normal = vector(bake.normals()[i]);
         for (holds, word) in [
             (bake.is_two_sided(i), tr(", two-sided")),
-            (bake.is_ambiguous(i), tr(", its side a guess")),
+            (bake.is_ambiguous(i), tr(", uncertain orientation")),
         ] {
             normal += if holds { word } else { "" };
         }
@@ -287,10 +294,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
         fact(
             ui,
             tr("epsilon's share"),
-            tr_format!(
-                "{:.0} % of what it is divided by",
-                100.0 * prepared.epsilon_share(i)
-            ),
+            tr_format!("{:.0} % of the divisor", 100.0 * prepared.epsilon_share(i)),
         );
         let bands: Vec<String> = (0..=cloud.sh_degree)
             .map(|l| {

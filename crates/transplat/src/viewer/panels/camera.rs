@@ -20,8 +20,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         if button(ui, tr("Frame"), tr("Shows all of the object. (F)")) {
             viewer.session.project.frame_all();
         }
-        let tip = tr("Keeps the view in the library. (ctrl + B)");
-        if button(ui, tr("Keep view"), tip) {
+        let tip = tr("Saves the view in the library. (ctrl + B)");
+        if button(ui, tr("Add view"), tip) {
             viewer.session.keep_view();
         }
     });
@@ -46,7 +46,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let changed = Control {
         label: tr("Field of view"),
         unit: "°",
-        tip: tr("Field of view of the shorter edge. The object keeps its size."),
+        tip: tr("Field of view of the shorter edge."),
         decimals: 1,
         ..Control::of(*FOV.start()..=120.0, FIELD_OF_VIEW)
     }
@@ -60,7 +60,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     Control {
         label: tr("Depth of field"),
         unit: " %",
-        tip: tr("Aperture, as a share of the focus distance. A double click on the object sets the focus. Saved images and Preview have it."),
+        tip: tr("Aperture as a share of the focus distance. Double-click the object to focus. Visible in saved images and Preview."),
         decimals: 2,
         ..Control::of(0.0..=100.0 * *APERTURE.end(), 0.0)
     }
@@ -69,10 +69,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         session.project.pose.aperture = percent / 100.0;
     }
     ui.checkbox(&mut session.overlays.grid, tr("Grid"))
-        .on_hover_text(tr("A grid on the ground. (G)"));
+        .on_hover_text(tr("A grid on the ground. (shift + G)"));
     ui.checkbox(&mut viewer.preferences.probes, tr("Light probes"))
         .on_hover_text(tr(
-            "A grey and a mirror ball under both lights, and what the method sees of each. (L)",
+            "A grey and a mirror ball under each light, with its map. (L)",
         ));
 }
 
@@ -92,11 +92,7 @@ fn cameras(ui: &mut Ui, session: &mut Session) {
         ));
         chosen = response.changed();
         named(&response, egui::Role::SpinButton, tr("Camera of the file"));
-        chosen |= button(
-            ui,
-            tr("look through"),
-            tr("Back to this camera, once the view was moved."),
-        );
+        chosen |= button(ui, tr("Look through"), tr("Returns to this camera."));
         ui.weak(picture.unwrap_or_default());
     });
     if chosen {

@@ -13,7 +13,7 @@ use crate::viewer::widgets::{button, choice, named, number};
 use transplat_engine::delight::{ALBEDOS, DelitAs};
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::output::ImageFormat;
-use transplat_engine::video::VideoFormat;
+use transplat_engine::video::{VideoFormat, has_ffmpeg};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     picture(ui, viewer);
@@ -23,7 +23,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     task = task.or(turntable(ui, viewer));
     ui.separator();
     splat_format(ui, viewer);
-    let tip = tr("Any other viewer shows it relit. (ctrl + E)");
+    let tip = tr("Saves the relit splat for any viewer. (ctrl + E)");
     if button(ui, tr("Export relit splat…"), tip) {
         viewer.ask_where(SaveKind::Splat, viewer.splat_ending());
     }
@@ -40,7 +40,7 @@ fn delit(ui: &mut Ui, viewer: &mut Viewer) {
         ui,
         tr("Delit as"),
         tr(
-            "The albedo, for programs that light a splat themselves; or what it looks like under light from everywhere, hollows darker.",
+            "Albedo for programs that light splats themselves, or the object under uniform white light.",
         ),
         &mut settings.delit_as,
         &[
@@ -50,7 +50,7 @@ fn delit(ui: &mut Ui, viewer: &mut Viewer) {
     );
     ui.horizontal(|ui| {
         let mut is_explicit = settings.whitest.is_some();
-        ui.checkbox(&mut is_explicit, tr("Whitest albedo")).on_hover_text(tr("Albedo of the whitest surface. By default it follows from light and images, or is 0.65 where that is not plausible."));
+        ui.checkbox(&mut is_explicit, tr("Whitest albedo")).on_hover_text(tr("Albedo of the whitest surface. By default it follows from light and images, or is 0.65 where that is implausible."));
         let mut whitest = settings.whitest.unwrap_or(WHITEST_ALBEDO as f32);
         ui.add_enabled_ui(is_explicit, |ui| {
             let drag = ui.add(number(&mut whitest, ALBEDOS).speed(0.005));
@@ -59,8 +59,8 @@ fn delit(ui: &mut Ui, viewer: &mut Viewer) {
         settings.whitest = is_explicit.then_some(whitest);
     });
     ui.checkbox(&mut settings.materials, tr("With materials"))
-        .on_hover_text(tr("Each splat comes with its normal, base colour, metallic, roughness, reflectance and emission: in a PLY as properties, in a GLB as attributes."));
-    let tip = tr("The selected object without the light of its capture.");
+        .on_hover_text(tr("Adds normal, base colour, metallic, roughness, reflectance and emission of each Gaussian to PLY and GLB."));
+    let tip = tr("Saves the selected object without its capture light.");
     if button(ui, tr("Export delit…"), tip) {
         viewer.ask_where(SaveKind::Delit, viewer.splat_ending());
     }
@@ -69,12 +69,12 @@ fn delit(ui: &mut Ui, viewer: &mut Viewer) {
 /// In which format a relit splat is written, and what of it that loses.
 fn splat_format(ui: &mut Ui, viewer: &mut Viewer) {
     let written = SplatFormat::WRITTEN.map(|(_, format)| (format.name(), Some(format)));
-    let options: Vec<_> = std::iter::once((tr("as it came"), None))
+    let options: Vec<_> = std::iter::once((tr("same as input"), None))
         .chain(written)
         .collect();
     let format = &mut viewer.preferences.export.splat;
     let text = tr(
-        "A PLY keeps every property that the capture has. The name may say another format: .ply, .compressed.ply, .spz, .sog, .splat, .glb.",
+        "A PLY keeps every property of the capture. The file name can choose another format: .ply, .compressed.ply, .spz, .sog, .splat, .glb.",
     );
     choice(ui, tr("Splat as"), text, format, &options);
     let (Some(format), Some(asset)) = (*format, viewer.session.asset()) else {
@@ -108,34 +108,30 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
                 tr_format!("Image {name}", name = name),
             );
         }
-        if button(ui, tr("as here"), tr("The viewport's own size.")) {
+        if button(ui, tr("Viewport"), tr("Sets the size of the viewport.")) {
             settings.size = viewer.session.project.viewport;
         }
     });
     choice(
         ui,
         tr("Format"),
-        tr(
-            "PNG is for screens, with exposure and tone mapping; EXR is linear light with premultiplied alpha.",
-        ),
+        tr("PNG has exposure and tone mapping; EXR is linear with premultiplied alpha."),
         &mut settings.format,
         &ImageFormat::ALL.map(|(name, format)| (tr(name), format)),
     );
     choice(
         ui,
         tr("Samples"),
-        tr("Samples a pixel along each edge: more give smoother edges and take longer."),
+        tr("Samples per pixel along each edge. More give smoother edges."),
         &mut settings.supersample,
         &[("2 x 2", 2), ("1 x 1", 1), ("3 x 3", 3), ("4 x 4", 4)],
     );
     ui.checkbox(&mut settings.transparent, tr("Transparent background"))
-        .on_hover_text(tr(
-            "Leaves out what is behind the object; a caught shadow stays.",
-        ));
+        .on_hover_text(tr("Removes the background; a caught shadow stays."));
     choice(
         ui,
         tr("Sides"),
-        tr("Saves what is shown, or before and after as an image each."),
+        tr("Saves the view as shown, or before and after separately."),
         &mut settings.sides,
         &[
             (tr("as shown"), ExportSides::Shown),
@@ -152,7 +148,7 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
         let label = ui.label(tr("Folder"));
         ui.add(field)
             .labelled_by(label.id)
-            .on_hover_text(tr("Folder of saved images."));
+            .on_hover_text(tr("Folder for saved images."));
         let choose = ui.button("…").on_hover_text(tr("Choose a folder."));
         named(&choose, egui::Role::Button, tr("Choose the folder"));
         if choose.clicked() {
@@ -166,7 +162,7 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
         let label = ui.label(tr("Name"));
         let field = egui::TextEdit::singleline(&mut settings.pattern).desired_width(180.0);
         ui.add(field).labelled_by(label.id).on_hover_text(tr(
-            "Name of images. {asset}, {light}, {view} and {n} (the frame number) are filled in.",
+            "Name of images. {splat}, {light}, {view} and {n} (the frame number) are filled in.",
         ));
     });
 }
@@ -175,7 +171,7 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
 fn tasks(ui: &mut Ui) -> Option<Task> {
     let mut task = None;
     ui.horizontal_wrapped(|ui| {
-        if button(ui, tr("Save image"), tr("As it is shown. (F12)")) {
+        if button(ui, tr("Save image"), tr("Saves the image as shown. (F12)")) {
             task = Some(Task::Screenshot(None));
         }
         let tip = tr(
@@ -192,7 +188,7 @@ fn tasks(ui: &mut Ui) -> Option<Task> {
         if button(ui, tr("One per light"), tip) {
             task = Some(Task::EachLight);
         }
-        let tip = tr("Saves one file with an image for each light of the library.");
+        let tip = tr("Saves one sheet with an image for each light of the library.");
         if button(ui, tr("Contact sheet"), tip) {
             task = Some(Task::ContactSheet);
         }
@@ -208,26 +204,33 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
         let response = ui.add(drag).on_hover_text(tr("Frames of a whole turn."));
         named(&response, egui::Role::SpinButton, tr("Turntable frames"));
         ui.selectable_value(&mut settings.turn, Turn::Camera, tr("camera"))
-            .on_hover_text(tr("The camera goes round the object."));
+            .on_hover_text(tr("The camera orbits the object."));
         ui.selectable_value(&mut settings.turn, Turn::Light, tr("light"))
-            .on_hover_text(tr("The light goes round the object."));
+            .on_hover_text(tr("The light orbits the object."));
     });
+    let formats = [
+        (tr("Numbered images"), None),
+        (tr("Video (MP4)"), Some(VideoFormat::Mp4)),
+        (tr("Video (WebM)"), Some(VideoFormat::WebM)),
+        (tr("Video (WebP)"), Some(VideoFormat::WebP)),
+    ];
+    let formats = match has_ffmpeg() {
+        true => &formats[..],
+        false => &formats[..1],
+    };
     choice(
         ui,
         tr("Saved as"),
-        tr(
-            "Numbered images in the format above, or a video by the program ffmpeg. WebM and WebP can be transparent.",
-        ),
+        tr("Numbered images in the format above, or a video. WebM and WebP can be transparent."),
         &mut settings.video,
-        &[
-            (tr("Numbered images"), None),
-            (tr("Video (MP4)"), Some(VideoFormat::Mp4)),
-            (tr("Video (WebM)"), Some(VideoFormat::WebM)),
-            (tr("Video (WebP)"), Some(VideoFormat::WebP)),
-        ],
+        formats,
     );
+    if !has_ffmpeg() {
+        settings.video = None;
+        ui.weak(tr("Install ffmpeg and restart to save videos."));
+    }
     if settings.video.is_some() || viewer.session.project.scene.animation.keys.len() > 1 {
-        let drag = number(&mut settings.frame_rate, 1..=240).suffix(tr(" frames a second"));
+        let drag = number(&mut settings.frame_rate, 1..=240).suffix(tr(" fps"));
         let response = ui.add(drag).on_hover_text(tr("Frame rate of the video."));
         named(&response, egui::Role::SpinButton, tr("Frame rate"));
     }
@@ -238,7 +241,7 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
         }
         let has_keys = viewer.session.project.scene.animation.keys.len() > 1;
         ui.add_enabled_ui(has_keys, |ui| {
-            let tip = tr("The light from the timeline's first key to its last, at the frames a second above.");
+            let tip = tr("Saves the light animation from the first key to the last.");
             if button(ui, tr("Save animation"), tip) {
                 task = Some(Task::Animation);
             }

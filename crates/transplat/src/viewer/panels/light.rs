@@ -76,26 +76,24 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         tr("Rotation"),
         if side == SOURCE {
             tr(
-                "Turns the light of the capture about the up axis, until it fits the highlights and shadows that the splat shows.",
+                "Rotates the capture light about the up axis until it fits the highlights in the splat.",
             )
         } else {
-            tr(
-                "Turns the light about the up axis: sun and shadows go round the object. Shift + right drag in the viewport does the same.",
-            )
+            tr("Rotates the light about the up axis. (shift + right drag)")
         },
         &mut settings.rotation,
     );
     angle(
         ui,
         tr("Tilt"),
-        tr("Tips the whole light over: a low sun rises, the horizon slants."),
+        tr("Tilts the light: a low sun rises."),
         &mut settings.tilt,
     );
     Control {
         label: tr("Strength"),
         unit: tr(" stops"),
         tip: if side == SOURCE {
-            tr("How strong the light of the capture was: a stronger one leaves a darker object.")
+            tr("Strength of the capture light. A stronger one leaves a darker object.")
         } else {
             tr("Strength of the light. The exposure of the image is in the panel Look.")
         },
@@ -113,7 +111,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             .stroke(ui.visuals().widgets.noninteractive.bg_stroke)
             .show(ui, |ui| {
                 ui.color_edit_button_rgb(&mut settings.tint)
-                    .on_hover_text(tr("Colour that the light is multiplied by."));
+                    .on_hover_text(tr("Tint of the light."));
             });
         if settings.tint != [1.0; 3] && ui.small_button(tr("white")).clicked() {
             settings.tint = [1.0; 3];
@@ -125,16 +123,14 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 /// Suns of the picture as lights of one's own, or in it again.
 fn suns(ui: &mut Ui, session: &mut Session) {
     if session.project.scene.environment.without_suns {
-        let tip = tr(
-            "The environment gets its suns back. A converted sun that was changed stays among the lights.",
-        );
+        let tip = tr("Restores the suns of the environment. Edited suns stay as placed lights.");
         if button(ui, tr("Restore suns"), tip) {
             session.put_suns_back();
         }
         return;
     }
     let tip = tr(
-        "Its suns become lights of your own, to be moved, dimmed, coloured or made softer; the sky stays.",
+        "Turns the suns of the environment into placed lights that you can edit. The sky stays.",
     );
     if button(ui, tr("Convert sun to light"), tip) {
         session.take_out_suns();
@@ -146,10 +142,8 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let session = &mut viewer.session;
     let settings = session.side_mut(side);
     ui.checkbox(&mut settings.mirror, tr("Mirrored"))
-        .on_hover_text(tr(
-            "Turns left and right of the environment round, for maps that were stored so.",
-        ));
-    let tip = tr("Which axis of the map points up; +z is an upright panorama.");
+        .on_hover_text(tr("Mirrors the environment left to right."));
+    let tip = tr("Up axis of the map; +z is an upright panorama.");
     let mut axes = UpAxis::ALL;
     axes.sort_by_key(|(_, axis)| *axis != UpAxis::default());
     choice(ui, tr("Up in the map"), tip, &mut settings.up, &axes);
@@ -166,9 +160,9 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
                 world | ui.selectable_value(locked, true, tr("camera"))
             })
             .inner;
-        response.on_hover_text(
-            tr("Locked to the camera, the light goes round with it as one orbits sideways: the shading stays, the object turns."),
-        );
+        response.on_hover_text(tr(
+            "Rotates the light with the camera, as if the object turned.",
+        ));
     }
     if side == TARGET && light.is_file() {
         suns(ui, session);
@@ -195,13 +189,8 @@ fn sky(ui: &mut Ui, session: &mut Session) {
     };
     let [azimuth, elevation] = sky.sun.angles();
     let mut is_of_place = matches!(sky.sun, Sun::Of(_));
-    let ways = [
-        (tr("where you put it"), false),
-        (tr("of place and time"), true),
-    ];
-    let tip = tr(
-        "Where the sun stands. North is +y of the world, east +x; the rotation below turns all of it.",
-    );
+    let ways = [(tr("Manual"), false), (tr("By date and location"), true)];
+    let tip = tr("Sun by angles, or by date and location. North is +y.");
     if choice(ui, tr("Sun"), tip, &mut is_of_place, &ways) {
         sky.sun = match is_of_place {
             true => Sun::SOMEWHERE,
@@ -210,12 +199,12 @@ fn sky(ui: &mut Ui, session: &mut Session) {
     }
     match &mut sky.sun {
         Sun::At { azimuth, elevation } => {
-            let tip = tr("Where the sun stands around the up axis: 0° is the east, 90° the north.");
+            let tip = tr("Azimuth of the sun: 0° is east, 90° north.");
             angle(ui, tr("Azimuth"), tip, azimuth);
             Control {
                 label: tr("Elevation"),
                 unit: "°",
-                tip: tr("How high the sun stands above the horizon; below 0° it is dusk."),
+                tip: tr("Elevation of the sun. Below 0° it is dusk."),
                 decimals: 1,
                 ..Control::of(-12.0..=90.0, 40.0)
             }
@@ -239,15 +228,13 @@ fn sky(ui: &mut Ui, session: &mut Session) {
     .show(ui, &mut sky.turbidity);
     Control {
         label: tr("Ground"),
-        tip: tr("How much of the light the ground throws back: snow 0.8, sand 0.4, grass 0.2."),
+        tip: tr("Albedo of the ground: snow 0.8, sand 0.4, grass 0.2."),
         decimals: 2,
         ..Control::of(0.0..=1.0, 0.2)
     }
     .show(ui, &mut sky.ground_albedo);
-    ui.checkbox(&mut sky.sun_shines, tr("The sun shines"))
-        .on_hover_text(tr(
-            "Without it there is the light of the sky alone, as in its shade.",
-        ));
+    ui.checkbox(&mut sky.sun_shines, tr("Sun"))
+        .on_hover_text(tr("Off, only the sky lights the object."));
     let environment = &mut session.project.scene.environment;
     if environment.sky != Some(sky) && environment.sky() != Some(sky) {
         environment.sky = Some(sky);
@@ -259,7 +246,7 @@ fn place_and_time(ui: &mut Ui, of: &mut PlaceAndTime) {
     Control {
         label: tr("Time of day"),
         unit: tr(" h"),
-        tip: tr("What the clock shows there, in hours."),
+        tip: tr("Local time in hours."),
         decimals: 2,
         ..Control::of(0.0..=24.0, 12.0)
     }
@@ -306,12 +293,12 @@ fn place_and_time(ui: &mut Ui, of: &mut PlaceAndTime) {
         );
     });
     ui.horizontal(|ui| {
-        name(ui, tr("Clock"));
+        name(ui, tr("Time zone"));
         let drag = number(&mut of.utc_offset, -14.0..=14.0)
             .speed(0.05)
             .max_decimals(2)
             .prefix("UTC ");
-        let tip = tr("How many hours the clock there is ahead of UTC.");
+        let tip = tr("Hours ahead of UTC.");
         named(&ui.add(drag).on_hover_text(tip), Role::SpinButton, tip);
     });
 }
@@ -333,18 +320,18 @@ fn reading(ui: &mut Ui, session: &mut Session, side: usize) {
         let names: Vec<String> = layers.iter().map(named).collect();
         let names = names.iter().map(String::as_str);
         let each = names.zip(layers.iter().cloned().map(Some));
-        let choices: Vec<_> = [(tr("by its name"), None)]
+        let choices: Vec<_> = [(tr("from its name"), None)]
             .into_iter()
             .chain(each)
             .collect();
-        let tip = tr("Which layer or part of the OpenEXR file is the light.");
+        let tip = tr("Layer of the OpenEXR file.");
         if choice(ui, tr("Layer"), tip, &mut reading.layer, &choices) {
             session.set_reading(side, &reading);
         }
     }
     let mut layout = reading.layout;
     let layouts = [
-        (tr("as its shape says"), None),
+        (tr("from its shape"), None),
         (tr("panorama"), Some(Layout::Equirectangular)),
         (tr("cube cross"), Some(Layout::CubeCross)),
         (tr("cube column"), Some(Layout::CubeColumn)),
@@ -365,11 +352,11 @@ fn other_sources(ui: &mut Ui, session: &mut Session) {
     let is_there = session.estimate().is_some() || is_on_its_way(session);
     let even = session.object().source.file.as_deref().is_some_and(is_even);
     ui.horizontal_wrapped(|ui| {
-        let tip = tr("Light that the object's own shading shows.");
+        let tip = tr("Light estimated from the object's shading.");
         if !(is_wished && is_there) && button(ui, tr("Estimate from the object"), tip) {
             session.ask_for_estimate();
         }
-        let tip = tr("As if the capture had been made under the same light from all sides, under a white sky: the whole new shading is laid over what the capture shows.");
+        let tip = tr("Takes the capture light as a uniform white sky. The full new shading is applied to the captured colour.");
         if !even && button(ui, tr("Assume uniform white"), tip) {
             session.set_light(SOURCE, EVEN.into());
         }
@@ -385,23 +372,23 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     let estimate = session.estimate();
     let estimate = estimate.filter(|_| session.object().source.is_estimate());
     ui.label(match estimate {
-        _ if is_on_its_way(session) => tr("Not known: it is being estimated from the object."),
+        _ if is_on_its_way(session) => tr("Unknown: being estimated from the object."),
         Some(estimate) if estimate.is_good() => tr("Estimated from the object."),
-        Some(_) => tr("Not known, and the object does not tell it."),
-        None if session.object().source.is_estimate() => tr("Not known."),
+        Some(_) => tr("Unknown, and the object does not show it."),
+        None if session.object().source.is_estimate() => tr("Unknown."),
         None => tr("Unknown: uniform white is assumed."),
     });
     if let Some(estimate) = estimate {
         if estimate.may_lie_on_its_side(session.up()) {
             ui.weak(tr(
-                "Most of it comes from the side or from below: is the up axis right (panel Asset)?",
+                "Most light comes from the side or below: check the up axis (panel Objects).",
             ));
         }
         match estimate.obstacle {
             Some(obstacle) => {
                 let so = instead(session.project.scene.transfer.method, obstacle);
                 ui.weak(tr_format!(
-                    "Why: {reason}. So {so}.",
+                    "{reason}: {so}.",
                     reason = obstacle.reason(),
                     so = so
                 ));
@@ -414,7 +401,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
                     tr("none found")
                 };
                 fact(ui, tr("sun"), sun);
-                ui.weak(tr("Strength and tint are assumed: a grey light, so strong that the whitest surface is about as white as paper. Set them below."));
+                ui.weak(tr("Strength and tint are assumed. Set them below."));
             }
         }
     }
@@ -423,15 +410,15 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
 
 fn match_strength(ui: &mut Ui, session: &mut Session) {
     let text = tr("Match exposure");
-    ui.checkbox(&mut session.project.scene.match_strength, text).on_hover_text(tr("Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)"));
+    ui.checkbox(&mut session.project.scene.match_strength, text).on_hover_text(tr("Scales the new light to the mean irradiance of the capture light. The strength above comes on top. (M)"));
     // In a line of its own, so that nothing moves as it changes.
     let difference = match session.stops_over_source() {
-        Some(stops) if stops.abs() < 0.05 => tr("now as strong as the light of the capture").into(),
+        Some(stops) if stops.abs() < 0.05 => tr("As strong as the capture light").into(),
         Some(stops) => {
             let by = stops.abs();
             match stops < 0.0 {
-                true => tr_format!("now {:.1} stops darker than the light of the capture", by),
-                false => tr_format!("now {:.1} stops brighter than the light of the capture", by),
+                true => tr_format!("{:.1} stops darker than the capture light", by),
+                false => tr_format!("{:.1} stops brighter than the capture light", by),
             }
         }
         None => String::new(),

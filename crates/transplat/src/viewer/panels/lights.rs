@@ -35,12 +35,12 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         });
         ui.menu_button(tr("Rigs"), |ui| rigs(ui, viewer));
         ui.checkbox(&mut viewer.session.overlays.light_handles, tr("Handles"))
-            .on_hover_text(tr("The lights in the picture: drag one, and it goes around what it shines at. The chosen one's arrow moves it in and out, its cross is where it shines, the small ring makes it larger."));
+            .on_hover_text(tr("Shows handles on placed lights: drag a light around its target, its arrow in and out, the cross to aim."));
     });
     let session = &mut viewer.session;
     if session.project.scene.lights.is_empty() {
         ui.weak(tr(
-            "No placed lights yet. They add to the new light, cast shadows, and may be near.",
+            "No placed lights yet. They add to the new light and cast shadows.",
         ));
         return;
     }
@@ -123,12 +123,12 @@ fn list(ui: &mut Ui, session: &mut Session) {
         ui.horizontal(|ui| {
             let on = ui
                 .checkbox(&mut light.on, "")
-                .on_hover_text(tr("Whether it shines."));
-            let label = tr_format!("{called} shines", called = title);
+                .on_hover_text(tr("On or off."));
+            let label = tr_format!("Turn on {called}", called = title);
             named(&on, Role::CheckBox, label);
             let solo = ui
                 .selectable_label(light.solo, tr("solo"))
-                .on_hover_text(tr("Only lights that are solo shine, and no environment."));
+                .on_hover_text(tr("Only solo lights are on, without the environment."));
             if solo.clicked() {
                 light.solo = !light.solo;
             }
@@ -139,7 +139,7 @@ fn list(ui: &mut Ui, session: &mut Session) {
             if row.clicked() {
                 session.selected_light = at;
             }
-            row.on_hover_text(tr("What is below is about this light."));
+            row.on_hover_text(tr("Selects this light."));
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
                 let small = |ui: &mut Ui, text: &str, name: String, tip: &str| {
                     let button = ui.small_button(text).on_hover_text(tip);
@@ -147,11 +147,11 @@ fn list(ui: &mut Ui, session: &mut Session) {
                     button.clicked()
                 };
                 let name = tr_format!("Remove {called}", called = title);
-                if small(ui, "×", name, tr("Removes it. (Undo brings it back.)")) {
+                if small(ui, "×", name, tr("Removes the light.")) {
                     removed = Some(at);
                 }
                 let name = tr_format!("Duplicate {called}", called = title);
-                if small(ui, "+", name, tr("Another one like it.")) {
+                if small(ui, "+", name, tr("Duplicates the light.")) {
                     doubled = Some(at);
                 }
             });
@@ -186,7 +186,7 @@ fn how_bright(ui: &mut Ui, light: &mut Light) {
     Control {
         label: tr("Strength"),
         unit: tr(" stops"),
-        tip: tr("How strong it is, on top of what it emits."),
+        tip: tr("Strength of the light, on top of its emission."),
         decimals: 2,
         ..Control::of(-8.0..=8.0, 0.0)
     }
@@ -202,7 +202,9 @@ fn how_bright(ui: &mut Ui, light: &mut Light) {
             .speed(speed)
             .max_decimals(4)
             .suffix(format!(" {unit}"));
-        let drag = ui.add(drag).on_hover_text(tr("Emission: irradiance of a sun, intensity of a point or spot, radiance of an area light. A white surface under π W/m² has radiance 1."));
+        let drag = ui.add(drag).on_hover_text(tr(
+            "Irradiance of a sun, intensity of a point or spot, radiance of an area light.",
+        ));
         named(&drag, Role::SpinButton, tr("Emits"));
         if drag.changed() && shown != most {
             *emission = if most > 0.0 {
@@ -225,7 +227,7 @@ fn how_bright(ui: &mut Ui, light: &mut Light) {
             .stroke(ui.visuals().widgets.noninteractive.bg_stroke)
             .show(ui, |ui| {
                 ui.color_edit_button_rgb(&mut light.tint)
-                    .on_hover_text(tr("Colour that the light is multiplied by."));
+                    .on_hover_text(tr("Tint of the light."));
             });
         if light.tint != [1.0; 3] && ui.small_button(tr("white")).clicked() {
             light.tint = [1.0; 3];
@@ -256,13 +258,13 @@ fn where_it_is(ui: &mut Ui, session: &mut Session, at: usize) {
     angle(
         ui,
         tr("Azimuth"),
-        tr("Where it comes from, around the up axis."),
+        tr("Azimuth of the light."),
         &mut new_azimuth,
     );
     Control {
         label: tr("Elevation"),
         unit: "°",
-        tip: tr("How high above the horizon of what it shines at; below 0 it comes from below."),
+        tip: tr("Elevation of the light seen from its target."),
         decimals: 1,
         ..Control::of(-89.0..=89.0, 30.0)
     }
@@ -282,7 +284,7 @@ fn where_it_is(ui: &mut Ui, session: &mut Session, at: usize) {
     Control {
         label: tr("Distance"),
         unit: "",
-        tip: tr("How far it is from what it shines at; 1 is how far the objects reach from their middle."),
+        tip: tr("Distance from the target, in radii of the scene."),
         decimals: 2,
         logarithmic: true,
         ..Control::of(AWAY, 3.0)
@@ -303,7 +305,7 @@ fn where_it_is(ui: &mut Ui, session: &mut Session, at: usize) {
                 .prefix(format!("{axis} "));
             let drag = ui
                 .add(drag)
-                .on_hover_text(tr("In the world, z up, in the objects' unit."));
+                .on_hover_text(tr("Position in the world, z up, in scene units."));
             named(
                 &drag,
                 Role::SpinButton,
@@ -321,7 +323,7 @@ fn extent(ui: &mut Ui, source: &mut LightSource, radius: f64) {
     let length = |ui: &mut Ui, label: &str, value: &mut f64| {
         Control {
             label,
-            tip: tr("In the objects' unit. It stays as bright a light: a larger one shines less from each of its places, and its shadows are softer."),
+            tip: tr("Size of the light in scene units. Larger lights cast softer shadows at the same power."),
             decimals: 3,
             logarithmic: true,
             ..Control::of(0.02 * radius..=10.0 * radius, radius)
@@ -346,7 +348,7 @@ fn extent(ui: &mut Ui, source: &mut LightSource, radius: f64) {
             Control {
                 label: tr("Disc"),
                 unit: "°",
-                tip: tr("How wide it is seen; the sun's is 0.53. Wider ones have softer shadows, at 0 they are crisp."),
+                tip: tr("Angular diameter; the sun's is 0.53°. Wider suns cast softer shadows."),
                 decimals: 2,
                 ..Control::of(0.0..=20.0, SUN_DEG)
             }
@@ -362,14 +364,14 @@ fn extent(ui: &mut Ui, source: &mut LightSource, radius: f64) {
             Control {
                 label: tr("Cone"),
                 unit: "°",
-                tip: tr("From its axis to where there is no light any more."),
+                tip: tr("Angle from the axis to the edge of the cone."),
                 decimals: 1,
                 ..Control::of(1.0..=85.0, 25.0)
             }
             .show(ui, cutoff_deg);
             Control {
                 label: tr("Soft edge"),
-                tip: tr("Which part of the cone the edge takes: at 0 it is hard."),
+                tip: tr("Softness of the edge; 0 is hard."),
                 decimals: 2,
                 ..Control::of(0.0..=1.0, 0.3)
             }
@@ -389,22 +391,26 @@ fn by_click(ui: &mut Ui, placing: &mut Option<Placing>) {
             (
                 Placing::Highlight,
                 tr("By highlight"),
-                tr("Click on the object, or drag over it: the light goes where its reflection is seen there. Esc ends it."),
+                tr("Click or drag on the object where the light should reflect. Esc ends."),
             ),
             (
                 Placing::Shadow,
                 tr("By shadow"),
-                tr("Drag from what is to throw a shadow to where it should fall: the light goes onto the line through both. Esc ends it."),
+                tr("Drag from the shadow caster to where its shadow should fall. Esc ends."),
             ),
             (
                 Placing::Aim,
                 tr("Aim"),
-                tr("Click on the object: the light shines there. Esc ends it."),
+                tr("Click on the object to aim the light there. Esc ends."),
             ),
         ];
         for (way, text, tip) in ways {
             let is_on = *placing == Some(way);
-            if ui.selectable_label(is_on, text).on_hover_text(tip).clicked() {
+            if ui
+                .selectable_label(is_on, text)
+                .on_hover_text(tip)
+                .clicked()
+            {
                 *placing = (!is_on).then_some(way);
             }
         }
@@ -421,9 +427,7 @@ fn fixed_to(ui: &mut Ui, session: &mut Session, at: usize) {
     ];
     let each = objects.iter().enumerate();
     options.extend(each.map(|(of, called)| (called.as_str(), FixedTo::Object(of))));
-    let tip = tr(
-        "Moves the light along with the camera or an object. Images by a file's cameras keep it where it is.",
-    );
+    let tip = tr("Moves the light along with the camera or an object.");
     let light = &mut session.project.scene.lights[at];
     choice(ui, tr("Fixed to"), tip, &mut light.fixed_to, &options);
 }

@@ -26,8 +26,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 
 /// The look as one of several, and what is to be known of it.
 fn kept(ui: &mut Ui, viewer: &mut Viewer) {
-    let tip = tr("Keeps light and look in the library. (P also compares later looks with it.)");
-    if button(ui, tr("Keep look"), tip) {
+    let tip = tr("Saves light and look in the library. (P also pins it.)");
+    if button(ui, tr("Add look"), tip) {
         viewer.session.project.keep_look();
     }
     let label = ui.label(tr("Note"));
@@ -37,7 +37,7 @@ fn kept(ui: &mut Ui, viewer: &mut Viewer) {
         .desired_width(f32::INFINITY);
     ui.add(edit)
         .labelled_by(label.id)
-        .on_hover_text(tr("What is to be known of this look; it is saved with it."));
+        .on_hover_text(tr("Note that is saved with the look."));
 }
 
 fn display(ui: &mut Ui, viewer: &mut Viewer) {
@@ -45,7 +45,7 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
     Control {
         label: tr("Exposure"),
         unit: tr(" stops"),
-        tip: tr("Brightness of the image alone. The light's own strength is in the panel Light."),
+        tip: tr("Exposure of the image. The panel Light sets the strength of the light."),
         decimals: 2,
         ..Control::of(-8.0..=8.0, 0.0)
     }
@@ -53,9 +53,7 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
     choice(
         ui,
         tr("Tone mapping"),
-        tr(
-            "How bright colours are brought into what a screen can show. sRGB without exposure shows “before” as it was trained.",
-        ),
+        tr("Maps bright colours to the screen. sRGB at exposure 0 shows the capture unchanged."),
         &mut scene.display.tone_map,
         &[
             (tr("sRGB"), ToneMap::Srgb),
@@ -71,8 +69,8 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
         .on_hover_text(tr("Shows stops from middle grey in false colours."));
     if scene.view == View::Difference {
         Control {
-            label: tr("Difference x"),
-            tip: tr("Factor of the difference of the two images. Grey is none."),
+            label: tr("Difference scale"),
+            tip: tr("Scale of the difference. Grey is none."),
             decimals: 1,
             logarithmic: true,
             ..Control::of(DIFFERENCE_SCALE, 1.0)
@@ -84,7 +82,9 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
 /// The table of colours over the whole picture.
 fn lut(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
-        let tip = tr("Colour LUT (.cube) that is applied last, to the view and to saved PNGs and videos. It can be dropped on the window.");
+        let tip = tr(
+            "LUT (.cube) applied last, to the view, saved PNGs and videos. Drop one on the window.",
+        );
         if button(ui, tr("LUT…"), tip) {
             ask(
                 &mut viewer.session,
@@ -117,7 +117,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         (tr("environment"), Background::Environment),
         (tr("colour"), Background::Color([0.18; 3])),
         (tr("gradient"), Background::Gradient([0.32; 3], [0.12; 3])),
-        (tr("checker"), Background::Checker),
+        (tr("checkerboard"), Background::Checker),
         (tr("transparent"), Background::Transparent),
         (tr("photograph"), Background::Backplate),
     ];
@@ -129,8 +129,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
             chosen = background;
         }
     }
-    let tip =
-        tr("Background. A transparent one shows a checkerboard here and is empty in saved images.");
+    let tip = tr("Background. A transparent one shows as a checkerboard here.");
     if choice(ui, tr("Background"), tip, &mut chosen, &all) {
         scene.background = chosen;
     }
@@ -154,7 +153,8 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         Background::Checker | Background::Transparent => {}
     }
     let scene = &mut viewer.session.project.scene;
-    ui.checkbox(&mut scene.shadow_catcher, tr("Shadow on the ground")).on_hover_text(tr("Shadow catcher under the object, also in saved images. On a transparent background it can be laid over anything."));
+    ui.checkbox(&mut scene.shadow_catcher, tr("Shadow on the ground"))
+        .on_hover_text(tr("Shadow catcher under the object, also in saved images."));
 }
 
 /// The photograph behind the objects.
@@ -162,7 +162,7 @@ fn plate(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         let file = viewer.session.project.scene.plate.as_ref();
         let name = file.map_or(tr("none yet").into(), |file| file_name(file));
-        let tip = tr("Photograph behind the objects, framed by its shorter edge. For its camera, drop a transforms.json or a COLMAP folder on the window.");
+        let tip = tr("Photograph behind the objects. For its camera, drop a transforms.json or a COLMAP folder on the window.");
         if button(ui, tr("Backplate…"), tip) {
             ask(
                 &mut viewer.session,

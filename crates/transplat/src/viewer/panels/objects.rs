@@ -21,29 +21,29 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
     ui.horizontal(|ui| {
         ui.checkbox(&mut session.adds_splats, tr("Add to scene")).on_hover_text(
-            tr("A splat that is opened or dropped on the window is put into the scene, and does not replace the selected object."),
+            tr("Adds each opened splat to the scene without asking."),
         );
         ui.checkbox(&mut session.overlays.handles, tr("Handles")).on_hover_text(
-            tr("Arrows move the selected object, rings turn it, the disc moves it over the ground, the circle scales it. Ctrl: in steps."),
+            tr("Shows handles on the selected object: arrows move, rings rotate, the circle scales. Ctrl: in steps."),
         );
     });
     ui.horizontal(|ui| {
         if button(
             ui,
             tr("Duplicate"),
-            tr("Another object of the selected one's splat, beside it."),
+            tr("Duplicates the selected object beside it. (ctrl + D)"),
         ) {
             session.project.duplicate(session.selected);
         }
         let several = session.project.scene.objects.len() > 1;
         ui.add_enabled_ui(several && !session.object().locked, |ui| {
-            let tip = tr("Takes the selected object out of the scene. (Undo brings it back.)");
+            let tip = tr("Removes the selected object. (Delete)");
             if button(ui, tr("Remove"), tip) {
                 session.remove_object();
             }
         });
         ui.add_enabled_ui(several, |ui| {
-            let tip = tr("Saves the light at the selected object, as the other objects show it, and adds it to the light library.");
+            let tip = tr("Saves the light at the selected object as an environment, and adds it to the library.");
             if button(ui, tr("Save light probe"), tip) {
                 session.save_light_here(&viewer.preferences.export.folder);
             }
@@ -60,7 +60,7 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
     ui.horizontal(|ui| {
         let object = &mut session.project.scene.objects[at];
         let shown = ui.checkbox(&mut object.shown, "").on_hover_text(tr(
-            "Shown. What is not neither casts a shadow nor shines on anything.",
+            "Visible. Hidden objects cast no shadow and reflect no light.",
         ));
         named(
             &shown,
@@ -79,14 +79,12 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
         if chosen.clicked() {
             session.selected = at;
         }
-        chosen.on_hover_text(tr(
-            "Selects this object for the panels, as a click on it in the image does.",
-        ));
+        chosen.on_hover_text(tr("Selects this object."));
         if session.project.is_missing(at)
             && button(
                 ui,
                 tr("Load"),
-                tr("It could not be loaded. Tries once more: the file may be there now."),
+                tr("The file could not be loaded. Tries again."),
             )
         {
             session.project.load_again(at);
@@ -109,9 +107,7 @@ fn rename(ui: &mut Ui, session: &mut Session) {
         if edit.changed() {
             object.name = (!text.trim().is_empty()).then_some(text);
         }
-        let tip = tr(
-            "What its layer and its files are called; that of its splat where nothing stands here.",
-        );
+        let tip = tr("Name of the object, its layer and its files.");
         named(&edit.on_hover_text(tip), egui::Role::TextInput, tr("Name"));
     });
 }
@@ -134,7 +130,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
                 .max_decimals(3)
                 .prefix(format!("{axis} "));
             let drag = ui.add(drag).on_hover_text(tr(
-                "In the scene's coordinates, those of its first object. Ctrl: in steps.",
+                "Position in the coordinates of the first object. Ctrl: in steps.",
             ));
             named(
                 &drag,
@@ -156,7 +152,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
                 .prefix(format!("{axis} "))
                 .suffix("°");
             let drag = ui.add(drag).on_hover_text(tr(
-                "About the scene's axes, x first. Highlights stay with the light. Ctrl: in steps.",
+                "Rotation about the scene's axes, x first. Ctrl: in steps.",
             ));
             named(
                 &drag,
@@ -177,17 +173,17 @@ fn stand(ui: &mut Ui, session: &mut Session) {
         let scale = number(&mut transform.scale, SCALES);
         let drag = ui.add(scale.speed(speed).max_decimals(4));
         named(
-            &drag.on_hover_text(tr("How large it is, beside how it was captured.")),
+            &drag.on_hover_text(tr("Scale of the object. 1 is as captured.")),
             egui::Role::SpinButton,
             tr("Scale"),
         );
-        if button(ui, tr("Reset"), tr("Where it was captured.")) {
+        if button(ui, tr("Reset"), tr("Resets to where it was captured.")) {
             transform = Transform::default();
         }
     });
     ui.horizontal(|ui| {
         name(ui, "");
-        let tip = tr("Stands it on what is below it: another object, or the scene's ground.");
+        let tip = tr("Drops the object onto what is below it.");
         drops = button(ui, tr("Drop to ground"), tip);
     });
     if transform.validate().is_ok() {

@@ -24,7 +24,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         .show(ui, |ui| {
             ui.strong(tr("stage"));
             ui.strong(tr("runs"));
-            ui.strong(tr("last time"));
+            ui.strong(tr("last session"));
             ui.end_row();
             let load = session.asset().map(|a| a.load_ms);
             let bake = session.baked().map(|b| b.ms);
@@ -61,7 +61,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.label(tr("Skipped work"));
     let skipped_work = viewer.skipped_work();
     if skipped_work.is_empty() {
-        ui.weak(tr("nothing"));
+        ui.weak(tr("Nothing"));
     }
     for skipped in skipped_work {
         fact(ui, &skipped.what, viewer.skipped_work_in_words(&skipped));
@@ -75,13 +75,13 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 /// Error against run time of the settings that can be chosen.
 fn settings(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    ui.label(tr("What settings cost, and what they are worth"));
+    ui.label(tr("Settings: time and error"));
     let is_running = session
         .jobs
         .is_running(Kind::Of(session.state().id, Work::Measure));
     let can_measure = session.asset().is_some() && !is_running;
     let button = ui.add_enabled(can_measure, Button::new(tr("Measure this object")));
-    let button = button.on_hover_text(tr("Relights the object with each preset, each SH degree and without each term, under the lights as they are: how long a new light takes, and how far the picture is from the preset computed without error; and does what was left out all the same, to know what that saved. Takes a while."));
+    let button = button.on_hover_text(tr("Measures run time and error of each preset, SH degree and term on this object. Takes minutes."));
     if button.clicked() {
         session.measure();
     }
@@ -96,7 +96,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             if i == 0 {
                 ui.strong(tr("setting"));
                 ui.strong(tr("new light"));
-                ui.strong(tr("PSNR")).on_hover_text(tr("PSNR of the picture to the preset computed in f64 with everything at its best, of a thinned object. The presets' errors cannot be compared with each other."));
+                ui.strong(tr("PSNR")).on_hover_text(tr("PSNR against the preset in 64 bits at full quality, on a thinned object. Do not compare it between presets."));
                 ui.end_row();
             }
             let name = if point.setting.is_default {
@@ -113,9 +113,9 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
                 && session.project.scene.transfer.sh_degree == point.setting.settings.sh_degree;
             let button = ui.add_enabled(!is_set, Button::new(tr("take")).small());
             let button = button.on_hover_text(if point.on_front {
-                tr("Nothing that was measured is both quicker and nearer.")
+                tr("No other measured setting is faster and more accurate.")
             } else {
-                tr("Another one is both quicker and nearer.")
+                tr("Another setting is faster and more accurate.")
             });
             if button.clicked() {
                 chosen = Some(point.setting.clone());
@@ -124,7 +124,9 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
         }
     });
     if points().next().is_some() {
-        ui.weak(tr("PSNR is to the same preset computed in full, not to the truth: it compares settings of one preset."));
+        ui.weak(tr(
+            "PSNR against the same preset computed in full, not against the truth.",
+        ));
     }
     for line in session.measured().into_iter().flat_map(|m| &m.words) {
         ui.weak(line);
@@ -155,7 +157,7 @@ fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
 
 /// Reasons for low confidence in the result.
 fn confidence(ui: &mut Ui, session: &mut Session) {
-    ui.label(tr("How far the result can be trusted"));
+    ui.label(tr("Reliability"));
     session.project.requested.confidence = !ui.input(|i| i.pointer.any_down());
     match session.state().confidence.get().map(|d| d.shares) {
         Some(shares) => {
@@ -171,8 +173,6 @@ fn confidence(ui: &mut Ui, session: &mut Session) {
             ui.weak(tr("being counted"));
         }
     }
-    ui.checkbox(&mut session.overlays.marks, tr("Mark them in the image"))
-        .on_hover_text(tr(
-            "Paints Gaussians of low confidence in their colours. (K)",
-        ));
+    ui.checkbox(&mut session.overlays.marks, tr("Mark in the image"))
+        .on_hover_text(tr("Colours Gaussians of low confidence. (K)"));
 }

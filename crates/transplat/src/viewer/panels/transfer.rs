@@ -14,8 +14,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         name(ui, tr("Relight by"));
         for (method, tip) in [
-            (Method::Directional, tr("Sums the light over directions, casts the suns' shadows crisply, and follows bounced light and gloss.")),
-            (Method::Harmonic, tr("The paper's transfer by spherical harmonics: softer, and the quickest.")),
+            (Method::Directional, tr("Accurate: directional integration, crisp shadows, bounced light and highlights.")),
+            (Method::Harmonic, tr("Harmonic transfer of the TranSplat paper: softer and fastest.")),
         ] {
             let text = tr_format!("preset {}", method.preset());
             ui.selectable_value(&mut transfer.method, method, text)
@@ -34,7 +34,7 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
     ui.add_enabled_ui(by_series, |ui| {
         Control {
             label: tr("SH degree"),
-            tip: tr("How finely light and visibility are seen: more degrees make shadows and highlights crisper, and cost time."),
+            tip: tr("SH degree of light and visibility. Higher is crisper and slower."),
             ..Control::of(0..=MAX_DEGREE, TransferSettings::default().sh_degree)
         }
         .show(ui, &mut transfer.sh_degree);
@@ -42,7 +42,7 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
     let mut epsilon = transfer.epsilon();
     Control {
         label: tr("Regularization"),
-        tip: tr("Epsilon, relative to the source's mean irradiance. More of it calms what was dark in the capture and dampens the relight; less trusts the dark more."),
+        tip: tr("Epsilon, relative to the mean irradiance of the capture light. More is calmer in dark areas and relights less."),
         decimals: 6,
         logarithmic: true,
         ..Control::of(EPSILON, method.epsilon())
@@ -67,28 +67,32 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
     let terms = &mut transfer.terms;
     ui.checkbox(&mut terms.sums, tr("Directional integration"))
         .on_hover_text(tr(
-            "Light is summed over directions. Off, it is an SH series first, as in preset paper.",
+            "Integrates light over directions by quadrature. Off, by an SH product.",
         ));
-    ui.checkbox(&mut terms.suns, tr("Suns")).on_hover_text(tr("Small bright lights are taken out of the map and cast crisp shadows. Off, they are part of the sky."));
+    ui.checkbox(&mut terms.suns, tr("Suns"))
+        .on_hover_text(tr("Extracts suns from the environment, for crisp shadows."));
     ui.checkbox(&mut terms.bounce, tr("Bounced light"))
+        .on_hover_text(tr("Light bounced between Gaussians."));
+    ui.checkbox(&mut terms.two_sided, tr("Two-sided"))
         .on_hover_text(tr(
-            "Bounced light between Gaussians. Off, blockers are black.",
+            "Lights thin sheets such as leaves from the visible side.",
         ));
-    ui.checkbox(&mut terms.two_sided, tr("Two-sided")).on_hover_text(tr("Thin things, like leaves, are lit from the side that is seen. Off, both sides have the front's light."));
-    ui.checkbox(&mut terms.lobe, tr("Gloss")).on_hover_text(tr(
-        "Highlights and reflections, as far as the capture shows them. Off, all colour is matte.",
-    ));
+    ui.checkbox(&mut terms.lobe, tr("Specular"))
+        .on_hover_text(tr(
+            "Highlights and reflections, as far as the capture shows them.",
+        ));
     ui.checkbox(&mut terms.residual, tr("Residual"))
         .on_hover_text(tr(
             "Keeps the residual of the capture that no other term explains.",
         ));
-    ui.checkbox(&mut terms.emission, tr("Emission")).on_hover_text(tr(
-        "Lamps, eyes and screens, which no light explains, keep shining as captured. Off, they are taken for paint.",
-    ));
+    ui.checkbox(&mut terms.emission, tr("Emission"))
+        .on_hover_text(tr(
+            "Keeps lamps and screens as bright as captured. Off, they are relit like paint.",
+        ));
     ui.add_enabled_ui(terms.emission, |ui| {
         Control {
             label: tr("Emission threshold"),
-            tip: tr("How many times brighter than the whitest surface in the same light a lamp is. The channel Emission shows what was found."),
+            tip: tr("Brightness from which a surface counts as a lamp, in multiples of the whitest. See the channel Emission."),
             decimals: 2,
             logarithmic: true,
             ..Control::of(GLOW_RANGE, GLOW_ABOVE)
@@ -99,13 +103,15 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
 
 fn harmonic_terms(ui: &mut Ui, terms: &mut Terms) {
     ui.checkbox(&mut terms.specular, tr("Specular"))
-        .on_hover_text(tr(
-            "Bands 1 and up: highlights and reflections. Off, the result is matte.",
-        ));
+        .on_hover_text(tr("SH bands 1 and up: highlights and reflections."));
     ui.indent("specular terms", |ui| {
         ui.add_enabled_ui(terms.specular, |ui| {
-            ui.checkbox(&mut terms.reflection, tr("Reflection")).on_hover_text(tr("Highlights are mirrored about the normal. Off, they stick to where the light is."));
-            ui.checkbox(&mut terms.attenuation, tr("Attenuation")).on_hover_text(tr("Each band is as strong as the capture shows it. Off, every surface is a mirror."));
+            ui.checkbox(&mut terms.reflection, tr("Reflection"))
+                .on_hover_text(tr("Mirrors highlights about the normal."));
+            ui.checkbox(&mut terms.attenuation, tr("Attenuation"))
+                .on_hover_text(tr(
+                    "Damps each SH band as the capture shows it. Off, every surface mirrors.",
+                ));
         });
     });
 }
@@ -117,7 +123,7 @@ fn directions(ui: &mut Ui, viewer: &mut Viewer) {
         .unwrap_or(session.project.scene.directions);
     let response = Control {
         label: tr("Directions"),
-        tip: tr("Directions that visibility is baked for. More are finer and take longer; the bake runs again."),
+        tip: tr("Directions of the visibility bake. More are finer and take longer."),
         logarithmic: true,
         ..Control::of(DIRECTIONS, DEFAULT_DIRECTIONS)
     }
