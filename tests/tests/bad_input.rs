@@ -223,7 +223,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
             "render {} --turntable 1 -o {}",
             &[&good_ply, &folder.name("a.jpg")],
         ),
-        "a picture is .png or .exr",
+        "an image is .png or .exr",
     );
     check(&["report", "-o", &good_ply], "is a file");
     for (lut, expected) in [
@@ -240,7 +240,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     let relight_lut = "relight {} --source even --target even --device cpu -o {}";
     check(
         &args(relight_lut, &[&cut_lut, &out]),
-        "a table of colours (--lut takes it), where a splat",
+        "a LUT (for --lut), where a splat",
     );
     let city = asset("city.hdr");
     relight("--target {} -o {}", &[&city, &out], "give a folder");
@@ -314,7 +314,7 @@ fn a_wrong_batch_is_told_and_a_wrong_splat_keeps_no_other_from_being_drawn() {
         (r#"{"splats": []}"#, "names no splats"),
         (
             r#"{"splats": ["a.ply"], "turntible": 2}"#,
-            "\"turntible\" is no field",
+            "\"turntible\" is an unknown field",
         ),
         (r#"{"splats": ["a.ply"]}"#, "a camera is needed"),
         (

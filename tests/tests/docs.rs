@@ -52,6 +52,11 @@ fn links_lead_somewhere() {
             let (file, _) = link.split_once('#').unwrap_or((link, ""));
             let target = page.parent().expect("a folder").join(file);
             assert!(target.exists(), "{}: {link} is not there", page.display());
+            // The manual is packed without what is around it.
+            let manual = root().join("docs");
+            let target = target.canonicalize().expect("it is there");
+            let stays = !page.starts_with(&manual) || target.starts_with(&manual);
+            assert!(stays, "{}: {link} leaves the manual", page.display());
         }
     }
 }

@@ -528,3 +528,24 @@ fn compiled_pipelines_are_kept_from_start_to_start() {
     assert_eq!(draw("broken.png"), first);
     assert_eq!(fs::read(kept).expect("readable").len(), whole);
 }
+
+#[test]
+fn completions_and_manual_pages_know_the_commands() {
+    let folder = Folder::empty();
+    for shell in ["bash", "zsh", "fish"] {
+        let text = String::from_utf8(run(&["completions", shell]).stdout).expect("text");
+        assert!(
+            text.contains("relight") && text.contains("turntable"),
+            "{shell}"
+        );
+    }
+    let pages = folder.name("man");
+    assert!(run(&["man", &pages]).status.success());
+    for (page, says) in [
+        ("transplat.1", "transplat\\-relight"),
+        ("transplat-relight.1", "target"),
+    ] {
+        let text = fs::read_to_string(folder.path("man").join(page)).expect("a page");
+        assert!(text.contains(says), "{page}");
+    }
+}

@@ -267,7 +267,7 @@ fn a_capture_of_unknown_light_is_relit_from_an_estimate() {
     let few = folder.write("few.ply", small_splat(20));
     let none = folder.name("none.exr");
     let estimate = ["estimate", &few, "--device", "cpu", "-o", &none];
-    run_told(&estimate, 1, &["cannot be told"]);
+    run_told(&estimate, 1, &["cannot be estimated"]);
     assert!(!folder.path("none.exr").exists());
     let out = folder.name("few_relit.ply");
     let relight = [

@@ -180,10 +180,10 @@ impl Bake {
             (
                 AGREED_RAY_COST * inferred_visibility,
                 (Optimization::InferredRays, INFERRED_ERROR),
-                "rays of which others tell",
+                "rays that their neighbours predict",
                 (
                     inferred_visibility,
-                    "rays are told by the nearest ones, which all leave or are all blocked",
+                    "rays follow the nearest ones, which are all open or all blocked",
                 ),
             ),
         ];

@@ -154,7 +154,7 @@ fn try_out(
         (outcome.f32_error, outcome.other_error) = (None, None);
     }
     if source_was_black {
-        outcome.note = "the source is black: even light is assumed".into();
+        outcome.note = "the source is black: uniform white light is assumed".into();
     }
     let trial = Trial {
         settings,

@@ -195,7 +195,7 @@ impl TransferSettings {
         ensure(GLOW_RANGE.contains(&self.glow_above), || {
             let limit = self.glow_above;
             format!(
-                "a limit of glow of {limit} is out of range 0.05 to 100 (times the whitest surface)"
+                "an emission threshold of {limit} is out of range 0.05 to 100 (times the whitest surface)"
             )
         })
     }

@@ -76,7 +76,7 @@ impl Delit {
         let mut warnings = Vec::new();
         if !is_plausible {
             warnings.push(format!(
-                "light and pictures are not exposed alike: the whitest surface would have an albedo of {found:.3}; it is taken to be {:.2} (--whitest)",
+                "light and images differ in exposure: the whitest surface would have an albedo of {found:.3}. {:.2} is assumed (--whitest)",
                 found * self.materials.gain
             ));
         }

@@ -42,9 +42,9 @@ pub fn make_and_keep(
 /// Consequence, for the user, where the capture light cannot be estimated.
 pub fn instead(method: Method, obstacle: Obstacle) -> &'static str {
     match (method, obstacle) {
-        (Method::Harmonic, _) | (_, Obstacle::EvenLight) => "even light is assumed",
+        (Method::Harmonic, _) | (_, Obstacle::EvenLight) => "uniform white light is assumed",
         (Method::Directional, _) => {
-            "half of the change is made that would be right for a capture under even light"
+            "half of the change for a capture under uniform white light is applied"
         }
     }
 }
@@ -52,7 +52,7 @@ pub fn instead(method: Method, obstacle: Obstacle) -> &'static str {
 /// Why the light of the capture cannot be told, and what is done then, for the user.
 pub fn why_not(method: Method, obstacle: Obstacle) -> String {
     let (why, instead) = (obstacle.reason(), instead(method, obstacle));
-    format!("cannot be told from the object: {why}; {instead}")
+    format!("cannot be estimated from the object: {why}; {instead}")
 }
 
 /// An estimate for the user.
@@ -60,7 +60,7 @@ pub fn estimate_in_words(estimate: &Estimate, up: UpAxis) -> String {
     let percent = estimate.percent();
     if let Some(obstacle) = estimate.obstacle {
         return format!(
-            "the light of the capture cannot be told: {} (confidence {percent:.0} %)",
+            "the capture light cannot be estimated: {} (confidence {percent:.0} %)",
             obstacle.reason()
         );
     }

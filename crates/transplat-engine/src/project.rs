@@ -35,7 +35,7 @@ use super::object::{
     ObjectState,
 };
 use super::splat::Splat;
-use crate::language::tr_format;
+use crate::language::{tr, tr_format};
 use crate::words::of_error;
 use canvas::Canvas;
 
@@ -53,6 +53,8 @@ pub type Change = Box<dyn FnOnce(&mut Project) + Send>;
 pub enum Notice {
     /// A message.
     Info(String),
+    /// A message that offers to mend what it says.
+    Offer(String, Mend),
     /// An error: what failed, why, and what to do.
     Error(String),
     /// A file was opened and is good.
@@ -65,6 +67,34 @@ pub enum Notice {
     Added(usize),
     /// The object of this number was removed.
     Removed(usize),
+}
+
+/// Action that a message offers, of an object by its number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mend {
+    /// Hides the surroundings of an object.
+    Crop(usize),
+    /// Leaves the new light as strong as it is.
+    KeepStrength,
+    /// Gives an object the scale of its file.
+    ResetScale(usize),
+    /// Lets an object be moved and removed.
+    Unlock(usize),
+    /// Estimates the capture light of an object again.
+    Estimate(usize),
+}
+
+impl Mend {
+    /// Label of the button.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Crop(_) => tr("Crop to the object"),
+            Self::KeepStrength => tr("Turn off"),
+            Self::ResetScale(_) => tr("Keep its scale"),
+            Self::Unlock(_) => tr("Unlock"),
+            Self::Estimate(_) => tr("Estimate again"),
+        }
+    }
 }
 
 /// Results that are made only where the client wants them.
@@ -316,6 +346,31 @@ impl Project {
     /// Leaves a message to the client.
     pub fn info(&mut self, text: impl Into<String>) {
         self.notices.push(Notice::Info(text.into()));
+    }
+
+    /// Leaves a message to the client that offers to mend what it says.
+    pub fn offer(&mut self, text: impl Into<String>, mend: Mend) {
+        self.notices.push(Notice::Offer(text.into(), mend));
+    }
+
+    /// Does what a message offered.
+    pub fn mend(&mut self, mend: Mend) {
+        match mend {
+            Mend::Crop(at) => {
+                let proposed = self
+                    .states
+                    .get(at)
+                    .and_then(|s| s.asset.as_ref()?.proposed_crop);
+                if let Some([low, high]) = proposed {
+                    let hide = &mut self.scene.objects[at].hide;
+                    (hide.crop, hide.crop_min, hide.crop_max) = (true, low, high);
+                }
+            }
+            Mend::KeepStrength => self.scene.match_strength = false,
+            Mend::ResetScale(at) => self.scale_about_middle(at, 1.0),
+            Mend::Unlock(at) => self.scene.objects[at].locked = false,
+            Mend::Estimate(at) => self.estimate_again(at),
+        }
     }
 
     /// Leaves an error to the client.

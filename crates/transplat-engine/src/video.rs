@@ -158,7 +158,7 @@ impl VideoEncoder {
         let size = [frame.width, frame.height];
         if size != self.size {
             bail!(
-                "{}: the frames of a film are of one size, and one is {} x {} after others of {} x {}; give --size",
+                "{}: the frames of a video need one size, and one is {} x {} after others of {} x {}; give --size",
                 self.path.display(),
                 size[0],
                 size[1],

@@ -17,7 +17,7 @@ pub const AMBIGUOUS_SHARE: f32 = 0.05;
 /// For the user.
 pub fn ambiguous_warning(share: f32) -> String {
     format!(
-        "which side is the front is a guess on {:.0} % of what is seen; --outside-from X,Y,Z, a place that sees the outside, tells it for what is seen from there",
+        "the normal orientation of {:.0} % of the visible surface is uncertain; --outside-from X,Y,Z sets it for what that place sees",
         100.0 * share
     )
 }
@@ -82,7 +82,7 @@ pub fn map_warnings(path: &Path, map: &EnvironmentMap, reading: &ImageReading) -
             Some("the faces of a cube below each other, as its envmap attribute says")
         }
         Layout::AngularMap | Layout::MirrorBall => Some(
-            "an angular map, as light probes come, by the disc in it; a mirror ball has to be told (Layout in the panel Light; --source-layout, --target-layout)",
+            "an angular map, by the disc in it; for a mirror ball set the layout (panel Light; --source-layout, --target-layout)",
         ),
     };
     if let Some(what) = read_as {
@@ -104,7 +104,7 @@ pub fn map_warnings(path: &Path, map: &EnvironmentMap, reading: &ImageReading) -
     }
     if map.has_clipped_highlights() {
         warnings.push(format!(
-            "{}: a low-dynamic-range picture; its highlights are clipped, so its light is too even",
+            "{}: a low-dynamic-range image; its highlights are clipped, so its light is too soft",
             path.display()
         ));
     }

@@ -107,7 +107,7 @@ impl TruthObject {
         let is_there = |l: &&String| pictures.join(l).is_dir() && **l != object.source_env;
         if !object.targets.iter().any(|l| is_there(&l)) {
             bail!(
-                "{}: holds no picture of {name} under any of its targets",
+                "{}: holds no image of {name} under any of its targets",
                 pictures.display()
             );
         }
@@ -174,7 +174,7 @@ impl TruthObject {
             (digits.parse::<u64>().ok(), p.clone())
         });
         if found.is_empty() {
-            bail!("{}: holds no .exr picture", folder.display());
+            bail!("{}: holds no .exr image", folder.display());
         }
         Ok(found)
     }

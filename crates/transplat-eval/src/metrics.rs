@@ -52,7 +52,7 @@ impl ComparedImage {
     fn check(&self, other: &Self) -> Result<()> {
         if (self.width, self.height) != (other.width, other.height) {
             bail!(
-                "a picture of {} x {} pixels cannot be compared with one of {} x {}",
+                "an image of {} x {} pixels cannot be compared with one of {} x {}",
                 self.width,
                 self.height,
                 other.width,

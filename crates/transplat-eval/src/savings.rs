@@ -61,7 +61,7 @@ impl Saved {
     /// Largest difference of a pixel.
     pub fn error_in_words(&self) -> String {
         if self.max_error == 0.0 {
-            "the picture is the same".into()
+            "the image is the same".into()
         } else {
             format!("a pixel differs by up to {:.1e}", self.max_error)
         }

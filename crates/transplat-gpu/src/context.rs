@@ -112,7 +112,7 @@ pub fn choose_adapter(adapters: &[wgpu::Adapter]) -> Result<wgpu::Adapter> {
             "no graphics driver was found; install one (on Debian: apt-get install libvulkan1 mesa-vulkan-drivers)".into()
         } else {
             format!(
-                "{} cannot run compute shaders with six storage buffers of 128 MiB and blend float pictures; a newer driver may",
+                "{} cannot run compute shaders with six storage buffers of 128 MiB and blend float images; a newer driver may",
                 names.join(", ")
             )
         })

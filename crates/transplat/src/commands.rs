@@ -7,12 +7,14 @@ use transplat_core::files::SplatFormat;
 
 pub mod bake;
 pub mod batch;
+pub mod completions;
 pub mod convert;
 pub mod delight;
 pub mod estimate;
 pub mod headless;
 pub mod info;
 pub mod light;
+pub mod man;
 pub mod probe;
 pub mod relight;
 pub mod render;

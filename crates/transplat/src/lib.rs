@@ -50,6 +50,8 @@ pub fn main() -> ExitCode {
         Some(Command::Light(args)) => commands::light::run(args),
         Some(Command::Info(args)) => commands::info::run(args),
         Some(Command::Report(args)) => commands::report::run(args),
+        Some(Command::Completions { shell }) => commands::completions::run(*shell),
+        Some(Command::Man { folder }) => commands::man::run(folder),
         None => commands::view::run(&cli.view),
     };
     match result {

@@ -1,10 +1,10 @@
-//! Packages: a `.deb` for Debian, and an archive for any other Linux.
+//! Packages: a `.deb` for Debian, an archive and an AppImage for any other Linux.
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use crate::manual::{manual, tool};
 use crate::setup::{DRIVER, WINDOW};
 use crate::{Outcome, command, must, root};
 
@@ -51,13 +51,64 @@ pub fn dist() -> Outcome {
         &[],
     )?;
     let package = deb(&tree, version, time)?;
+    let mut made = vec![package.clone(), archive.clone()];
+    made.extend(app_image(&tree, &name)?);
+    checksums(&made)?;
     let size = |path: &str| fs::metadata(root().join(path)).map_or(0, |m| m.len() / 1_000_000);
     println!(
-        "\n{package}  {} MB: sudo apt install ./{package}\n{archive}  {} MB: unpack, then start bin/transplat in it",
+        "\n{package}  {} MB: sudo apt install ./{package}\n{archive}  {} MB: unpack, then start bin/transplat in it\n{OUT}/SHA256SUMS",
         size(&package),
         size(&archive)
     );
     Ok(())
+}
+
+/// An AppImage of a tree, where the program appimagetool is installed.
+fn app_image(tree: &Path, name: &str) -> Result<Option<String>, String> {
+    if output("appimagetool", &["--version"]).is_err() {
+        println!("appimagetool is not installed: no AppImage is made");
+        return Ok(None);
+    }
+    let folder = format!("{OUT}/AppDir");
+    let packed = root().join(&folder);
+    copy_folder(tree, &packed.join("usr"))?;
+    let package = root().join("crates/xtask/package");
+    copy(
+        &package.join("transplat.desktop"),
+        &packed.join("transplat.desktop"),
+    )?;
+    copy(
+        &root().join("assets/icon.svg"),
+        &packed.join("transplat.svg"),
+    )?;
+    write(
+        &packed.join("AppRun"),
+        "#!/bin/sh\nexec \"$(dirname \"$(readlink -f \"$0\")\")/usr/bin/transplat\" \"$@\"\n",
+    )?;
+    must(
+        &format!("chmod 755 {folder}/AppRun {folder}/usr/bin/transplat"),
+        &[],
+    )?;
+    let image = format!("{OUT}/{name}.AppImage");
+    must(
+        &format!("appimagetool --no-appstream {folder} {image}"),
+        &[],
+    )?;
+    remove(&packed)?;
+    Ok(Some(image))
+}
+
+/// Writes the SHA-256 sums of files beside them.
+fn checksums(files: &[String]) -> Outcome {
+    let names = files.iter().filter_map(|file| file.strip_prefix(OUT));
+    let names: Vec<&str> = names.map(|name| name.trim_start_matches('/')).collect();
+    println!("> sha256sum");
+    let sums = command("sha256sum", &names)
+        .current_dir(root().join(OUT))
+        .output()
+        .map_err(|e| format!("sha256sum could not be started: {e}"))?;
+    let text = String::from_utf8(sums.stdout).map_err(|e| e.to_string())?;
+    write(&root().join(OUT).join("SHA256SUMS"), &text)
 }
 
 /// Lays the files as they lie in `/usr`; `from_root` is where that is as commands say it.
@@ -81,6 +132,20 @@ fn lay(tree: &Path, from_root: &str) -> Outcome {
         let line = format!("{program} bake {splat} -o {splat}.best.bake --device cpu --quiet");
         must(&line, &[])?;
     }
+    manual()?;
+    copy_folder(&root().join("target/manual"), &assets.join("manual"))?;
+    let program = format!("{from_root}/bin/transplat");
+    must(&format!("{program} man {from_root}/share/man/man1"), &[])?;
+    for (shell, file) in [
+        ("bash", "bash-completion/completions/transplat"),
+        ("zsh", "zsh/site-functions/_transplat"),
+        ("fish", "fish/vendor_completions.d/transplat.fish"),
+    ] {
+        write(
+            &share.join(file),
+            &output(&program, &["completions", shell])?,
+        )?;
+    }
     let package = root().join("crates/xtask/package");
     for (from, to) in [
         (
@@ -98,7 +163,6 @@ fn lay(tree: &Path, from_root: &str) -> Outcome {
         ),
         (root().join("README.md"), "doc/transplat/README.md"),
         (root().join("CHANGELOG.md"), "doc/transplat/CHANGELOG.md"),
-        (root().join("docs/method.md"), "doc/transplat/method.md"),
         (root().join("LICENSE"), "doc/transplat/copyright"),
     ] {
         copy(&from, &share.join(to))?;
@@ -190,68 +254,22 @@ fn glibc_versions(bytes: &[u8]) -> impl Iterator<Item = (u32, u32)> {
     })
 }
 
-/// What the licences of all that is linked in ask to be told: each crate with its licence, and each text once.
+/// Licences of all crates that are linked in, each text once, by cargo-about.
 fn licences() -> Result<String, String> {
-    let tree = output(
-        "cargo",
-        &[
-            "tree",
-            "--package=transplat",
-            "--edges=normal",
-            "--prefix=none",
-            "--no-dedupe",
-            "--format={p}\t{l}",
-        ],
-    )?;
-    let mut crates: Vec<&str> = tree.lines().filter(|l| !l.contains("(/")).collect();
-    crates.sort_unstable();
-    crates.dedup();
-    let mut listed = String::from("transplat is made with these crates.\n\n");
-    let mut texts: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    for line in &crates {
-        let (package, licence) = line.split_once('\t').unwrap_or((line, ""));
-        let mut words = package.split(' ');
-        let (name, version) = (
-            words.next().unwrap_or_default(),
-            words.next().unwrap_or_default().trim_start_matches('v'),
-        );
-        listed += &format!("{name} {version}: {licence}\n");
-        for text in licence_texts(&format!("{name}-{version}"))? {
-            texts.entry(text).or_default().push(name.to_owned());
-        }
-    }
-    for (text, of) in texts {
-        listed += &format!("\n{}\n{}\n\n{text}\n", "-".repeat(80), of.join(", "));
-    }
-    Ok(listed)
-}
-
-/// The licence files of a crate, and of the fonts in it.
-fn licence_texts(package: &str) -> Result<Vec<String>, String> {
-    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
-    let home = home.or_else(|| std::env::home_dir().map(|h| h.join(".cargo")));
-    let sources = home.unwrap_or_default().join("registry/src");
-    let mut texts = Vec::new();
-    for registry in entries(&sources)? {
-        for folder in ["", "fonts", "font"] {
-            let folder = registry.join(package).join(folder);
-            if !folder.is_dir() {
-                continue;
-            }
-            for file in entries(&folder)? {
-                let name = file.file_name().unwrap_or_default().to_string_lossy();
-                let name = name.to_uppercase();
-                let told = ["LICENSE", "LICENCE", "COPYING", "NOTICE", "OFL", "UFL"];
-                if file.is_file()
-                    && told.iter().any(|t| name.starts_with(t))
-                    && let Ok(text) = fs::read_to_string(&file)
-                {
-                    texts.push(text.replace("\r\n", "\n").trim().to_owned());
-                }
-            }
-        }
-    }
-    Ok(texts)
+    let about = tool("cargo-about", "--features cli")?;
+    let about = about.display().to_string();
+    let template = "crates/xtask/package/about.hbs";
+    let line = [
+        "generate",
+        "--locked",
+        "--fail",
+        "--config",
+        "about.toml",
+        "--manifest-path",
+        "crates/transplat/Cargo.toml",
+        template,
+    ];
+    output(&about, &line)
 }
 
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, String> {

@@ -2,15 +2,17 @@
 
 mod checks;
 mod dist;
+mod manual;
 mod setup;
 
 use std::path::Path;
 use std::process::{Command, ExitCode};
 
-const HELP: &str = "cargo xtask run [ARGUMENTS]   run the program; without arguments the viewer on the bundled scene, or where there is no display, pictures of it
-cargo xtask test              format, lints, docs, unit, parity and picture tests, the program on the bundled scene
+const HELP: &str = "cargo xtask run [ARGUMENTS]   run the program; without arguments the viewer on the bundled scene, or where there is no display, images of it
+cargo xtask test              format, lints, docs, unit, parity and image tests, the program on the bundled scene
 cargo xtask bench [ARGUMENTS] how long each stage takes by surfels and pixels; --help tells more
-cargo xtask dist              a package for Debian and an archive for other Linux systems, in target/dist
+cargo xtask docs              the manual as a site, in target/manual
+cargo xtask dist              a package for Debian and an archive for other Linux systems, with checksums, in target/dist
 cargo xtask setup             only install what is missing";
 
 /// What a task yields: success, or a message.
@@ -22,6 +24,7 @@ fn main() -> ExitCode {
         Some("run") => run(&arguments[1..]),
         Some("test") => checks::test(),
         Some("bench") => bench(&arguments[1..]),
+        Some("docs") => manual::manual(),
         Some("dist") => dist::dist(),
         Some("setup") => setup::setup(has_display()),
         Some(other) => Err(format!("unknown command {other}\n{HELP}")),
@@ -88,7 +91,7 @@ fn run(arguments: &[String]) -> Outcome {
     relight_bundled(program, out, "")?;
     let full = root().join(out);
     println!(
-        "\nThere is no display for the viewer. The teapot was captured under city.hdr. Relit by sunset.hdr and interior.hdr:\n  {0}/sunset.ply  {0}/interior.ply   open in any splat viewer\n  {0}/before/*.png  {0}/after/*/*.png   pictures, before and after\nMore: cargo xtask run --help",
+        "\nThere is no display for the viewer. The teapot was captured under city.hdr. Relit by sunset.hdr and interior.hdr:\n  {0}/sunset.ply  {0}/interior.ply   open in any splat viewer\n  {0}/before/*.png  {0}/after/*/*.png   images, before and after\nMore: cargo xtask run --help",
         full.display()
     );
     Ok(())

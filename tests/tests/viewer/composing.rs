@@ -12,7 +12,7 @@ use transplat_core::files::{
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{Scene, Transform};
 use transplat_core::settings::{Method, TransferSettings};
-use transplat_core::surfels::{SurfelCloud, UpAxis};
+use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::synthetic;
 use transplat_tests::driver::Driver;
 use transplat_tests::{Folder, args, asset, picture, psnr, run_json};
@@ -617,8 +617,11 @@ fn what_is_cut_out_stays_as_it_was_until_it_is_moved_and_is_put_back_by_undo() {
 fn what_is_opened_together_stands_side_by_side() {
     let folder = Folder::empty();
     let names = ["one.ply", "two.ply", "three.ply", "four.ply", "five.ply"];
-    for name in names {
-        write(&folder, name, &synthetic::sphere(300));
+    for (name, scale) in names.into_iter().zip([1.0, 0.5, 1.5, 1.0, 0.7]) {
+        let mut ball = synthetic::sphere(300);
+        ball.positions.iter_mut().for_each(|p| *p *= scale);
+        ball.scales.iter_mut().for_each(|s| *s *= scale);
+        write(&folder, name, &ball);
     }
     let paths = names.map(|name| folder.path(name)).to_vec();
     let startup = Startup {
@@ -633,6 +636,13 @@ fn what_is_opened_together_stands_side_by_side() {
         });
         let bounds: Vec<_> = of.collect();
         assert_eq!(bounds.len(), count);
+        // They stand on one ground, however large they are.
+        let up = session.project.scene_up().direction();
+        let foot = |b: &Bounds| b.center.dot(up) - b.radius;
+        for b in &bounds {
+            let apart = (foot(b) - foot(&bounds[0])).abs();
+            assert!(apart < 0.15 * bounds[0].radius, "{bounds:?}");
+        }
         for (i, a) in bounds.iter().enumerate() {
             for b in &bounds[..i] {
                 let apart = (a.center - b.center).length();

@@ -66,7 +66,7 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     assert!(session.source_is_assumed() && session.estimate().is_some_and(|e| !e.is_good()));
     assert_eq!(session.oriented_lights()[0].light.trust, STAND_IN_TRUST);
     let mut told = session.messages.iter();
-    assert!(told.any(|m| m.text.contains("cannot be told") && m.text.contains("half")));
+    assert!(told.any(|m| m.text.contains("cannot be estimated") && m.text.contains("half")));
     assert!(
         session.object().source.is_estimate()
             && session.project.scene_to_save().objects[0]

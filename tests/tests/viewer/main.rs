@@ -14,6 +14,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use eframe::egui;
+use eframe::egui::accesskit::Role;
+use egui_kittest::kittest::Queryable;
 use transplat::viewer::{Startup, Task};
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
@@ -294,7 +296,10 @@ fn panels_change_settings_and_picture() {
     assert!(!d.viewer().session.project.scene.transfer.terms.lobe);
     assert!(psnr(&first, &d.picture()) < 50.0);
     d.click("Specular");
-    d.click("preset paper");
+    let method = d.harness.get_by_role_and_label(Role::ComboBox, "Method");
+    method.click();
+    d.settle();
+    d.click("Harmonic (TranSplat paper)");
     assert_eq!(
         d.viewer().session.project.scene.transfer.method,
         Method::Harmonic

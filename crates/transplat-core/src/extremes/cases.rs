@@ -291,7 +291,7 @@ fn lights() -> Vec<Case> {
         case("near-black source", SCALE_INVARIANT, || strong([1e-20; 2])),
         case(
             "black source",
-            ("as with even light", as_with_even_light),
+            ("as with uniform white light", as_with_even_light),
             || with_source(|_| [0.0; 3]),
         ),
         case("source without red", BOUNDED, || {

@@ -48,7 +48,7 @@ impl FileKind {
             Self::Bake => "a bake",
             Self::Look => "a look",
             Self::Rig => "a rig of lights",
-            Self::Lut => "a table of colours (--lut takes it)",
+            Self::Lut => "a LUT (for --lut)",
             Self::Cameras => "a file of cameras (--cameras takes it)",
         }
     }
@@ -132,7 +132,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
             return Err(Error::invalid(
                 path,
                 format!(
-                    "{what}; it opens splats (.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf), environments (.hdr, .exr, .png, .jpg), bakes, looks, rigs of lights, cameras and tables of colours (.cube)"
+                    "{what}; what opens: splats (.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf), environments (.hdr, .exr, .png, .jpg), bakes, looks, rigs, cameras and LUTs (.cube)"
                 ),
             ));
         }

@@ -12,7 +12,7 @@ const MOST_OF_CUBE: usize = 129;
 /// By the specification.
 const MOST_OF_CURVES: usize = 65536;
 
-const EXPECTED: &str = "a table of colours (.cube) is expected here";
+const EXPECTED: &str = "a LUT (.cube) is expected here";
 
 /// Bytes of the largest cube, written with a dozen digits.
 const MOST_BYTES: u64 = 1 << 27;

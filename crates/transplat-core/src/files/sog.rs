@@ -220,7 +220,7 @@ fn read_source(path: &Path, source: &mut SogSource) -> std::result::Result<Finis
         })
         .collect::<std::result::Result<_, _>>()?;
     let [low, high, scales, quats, sh0, ..] = &images[..] else {
-        return Err("lacks a picture".into());
+        return Err("lacks an image".into());
     };
     let palette = match (&meta.higher, &images[5..]) {
         (Some(higher), [centroids, labels]) => Some(Palette::new(higher, centroids, labels)?),

@@ -250,7 +250,7 @@ impl EnvironmentLight {
             sky.validate()?;
         } else {
             ensure(self.sky.is_none(), || {
-                format!("a sky of the {name} is told where its file is \"{SKY}\"")
+                format!("a sky of the {name} needs the file \"{SKY}\"")
             })?;
         }
         ensure(self.rotation.is_finite() && self.tilt.is_finite(), || {

@@ -142,13 +142,13 @@ impl Optimization {
             Self::InferredRays => {
                 "rays in every direction: there are not so many surfels, or none that agree"
             }
-            Self::SharedLobes => "the gloss of every surfel: there are not so many",
+            Self::SharedLobes => "the specular lobe of every surfel: there are not so many",
             Self::EmptyBands => "all SH bands: there is something in each",
             Self::GrayLight => "three channels: the light has a colour",
             Self::Suns => "rays to suns: the light has one",
             Self::Bounces => "all turns of the bounce: surfels light each other",
-            Self::DiffuseSurfels => "a lobe on every surfel: all of them show gloss",
-            Self::Unseen => "every surfel: none is too faint to be seen",
+            Self::DiffuseSurfels => "a specular lobe on every surfel: all of them show highlights",
+            Self::Unseen => "every surfel: all are visible",
         }
     }
 }
@@ -215,7 +215,7 @@ impl SkippedWork {
     /// Surfels that nobody sees (`[n]` or empty), which are neither relit nor drawn.
     pub fn of_unseen(unseen: &[bool]) -> Option<Self> {
         let count = unseen.iter().filter(|u| **u).count();
-        let why = format!("{count} are hidden, or too faint for any pixel");
+        let why = format!("{count} are hidden or nearly transparent");
         (count > 0).then(|| Self {
             skip: Some(Optimization::Unseen),
             share: Some(count as f32 / unseen.len() as f32),

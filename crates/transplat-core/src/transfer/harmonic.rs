@@ -387,7 +387,7 @@ impl Relight for HarmonicTransfer {
             } else if !cloud.has_view_dependence() {
                 "the asset's colour does not depend on the view"
             } else {
-                "the source light is even: it tells nothing of gloss"
+                "the source light is uniform: it shows no highlights"
             };
             out.push(SkippedWork {
                 bytes,

@@ -12,7 +12,7 @@ use transplat_core::surfels::{Bounds, SurfelFilter, UpAxis};
 
 use crate::language::{tr, tr_format};
 use crate::names::{distinct_names, name_of};
-use crate::project::{Notice, Project};
+use crate::project::{Mend, Notice, Project};
 use crate::splat::OpenedWith;
 
 /// Where an object stands on the surface below it, a robust highest point counts: that share of the surfels may stick out.
@@ -184,15 +184,34 @@ impl Project {
         } else {
             format!("{times:.0e}")
         };
-        self.info(if ratio > 1.0 {
-            tr_format!("The splat was {times} times larger than the scene. Its scale was matched (panel Objects).", times = times)
+        let text = if ratio > 1.0 {
+            tr_format!(
+                "The splat was {times} times larger than the scene. Its scale was matched.",
+                times = times
+            )
         } else {
-            tr_format!("The splat was {times} times smaller than the scene. Its scale was matched (panel Objects).", times = times)
-        });
+            tr_format!(
+                "The splat was {times} times smaller than the scene. Its scale was matched.",
+                times = times
+            )
+        };
+        self.offer(text, Mend::ResetScale(at));
         Bounds {
             radius: factor * own.radius,
             ..own
         }
+    }
+
+    /// Scales an object about its middle.
+    pub(crate) fn scale_about_middle(&mut self, at: usize, scale: f32) {
+        let Some(bounds) = self.states[at].asset.as_ref().map(|a| a.bounds) else {
+            return;
+        };
+        let transform = &mut self.scene.objects[at].transform;
+        let middle = |t: &Transform| t.scene_from_object().transform_point3(bounds.center);
+        let there = middle(transform);
+        transform.scale = scale;
+        transform.translation += there - middle(transform);
     }
 
     /// Shows all, from the same side, where the middle of an object is not in the picture.
@@ -317,10 +336,8 @@ impl Project {
         }
         if self.scene.objects[at].locked {
             let called = self.called(at);
-            self.info(tr_format!(
-                "{called} is locked. Unlock it to remove it.",
-                called = called
-            ));
+            let text = tr_format!("{called} is locked and stays.", called = called);
+            self.offer(text, Mend::Unlock(at));
             return;
         }
         self.remove(at);

@@ -20,7 +20,7 @@ use crate::language::{tr, tr_format};
 use crate::object::ObjectState;
 use crate::project::canvas::Canvas;
 use crate::project::stages::DROP_IT;
-use crate::project::{Notice, OpenCameras, Project};
+use crate::project::{Mend, Notice, OpenCameras, Project};
 use crate::splat::{OpenedWith, Splat, name_of, reading_of, told};
 use crate::words::of_error;
 
@@ -384,17 +384,15 @@ impl Project {
             });
         }
         if asset.proposed_crop.is_some() && self.scene.objects[at].hide.is_off() {
-            self.info(tr(
-                "The capture has surroundings. “Crop to the object” (panel Objects) hides them.",
-            ));
+            let text = tr("The capture has surroundings around the object.");
+            self.offer(text, Mend::Crop(at));
         }
         let is_unknown = self.scene.objects[at].source.is_estimate();
         if is_unknown && self.scene.objects.len() == 1 && !self.scene.match_strength {
             self.scene.match_strength = true;
             self.matches_by_itself = true;
-            self.info(
-                tr("The strength of the capture light is unknown, so Match exposure is on (panel Light)."),
-            );
+            let text = tr("The strength of the capture light is unknown, so Match exposure is on.");
+            self.offer(text, Mend::KeepStrength);
         }
     }
 

@@ -106,7 +106,7 @@ fn load_pictures(paths: &[PathBuf], cameras: usize) -> Result<Vec<Raster>> {
     let folder = paths.first().and_then(|p| p.parent());
     let folder = folder.map_or(String::new(), |f| f.display().to_string());
     if paths.len() != cameras {
-        bail!("{folder}: {} pictures for {cameras} cameras", paths.len());
+        bail!("{folder}: {} images for {cameras} cameras", paths.len());
     }
     let mut rasters: Vec<Raster> = Vec::new();
     for path in paths {
@@ -116,7 +116,7 @@ fn load_pictures(paths: &[PathBuf], cameras: usize) -> Result<Vec<Raster>> {
             && (first.width, first.height) != (raster.width, raster.height)
         {
             bail!(
-                "{}: {} x {} pixels, and the first picture has {} x {}",
+                "{}: {} x {} pixels, and the first image has {} x {}",
                 name(),
                 raster.width,
                 raster.height,

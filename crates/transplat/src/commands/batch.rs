@@ -272,7 +272,7 @@ impl Batch {
                 ),
             };
             if pictures.len() + lights.len() * frames > MOST_PICTURES {
-                bail!("a batch of more than {MOST_PICTURES} pictures; make several of it");
+                bail!("a batch of more than {MOST_PICTURES} images; split it");
             }
             for light in lights.iter().copied() {
                 let of_frame = |frame| BatchImage {
@@ -413,7 +413,7 @@ impl Batch {
         match std::fs::read_to_string(&kept) {
             Ok(known) if known == settings => Ok(()),
             Ok(_) if is_begun() => bail!(
-                "{}: the pictures there were drawn with other settings ({SETTINGS} has them); choose another folder, or remove that file to mix them",
+                "{}: the images there were drawn with other settings ({SETTINGS}); choose another folder, or remove that file to mix them",
                 args.output.display()
             ),
             _ => Ok(write_atomically(&kept, |out| {
@@ -476,7 +476,7 @@ fn stems<'a>(what: &str, files: impl Iterator<Item = &'a Path>) -> Result<Vec<St
         let name = file.file_stem().unwrap_or_default().to_string_lossy();
         if !known.insert(name.to_string()) {
             bail!(
-                "{}: a {what} of the batch is called {name} already; its pictures need a name of their own",
+                "{}: the batch has a {what} called {name} already; rename one of them",
                 file.display()
             );
         }

@@ -26,7 +26,7 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
     let estimate = headless.estimate_first(args.bake.as_deref(), &mut summary)?;
     if let Some(obstacle) = estimate.obstacle {
         bail!(
-            "{}: the light of the capture cannot be told from the object: {}",
+            "{}: the capture light cannot be estimated from the object: {}",
             assets[0].display(),
             obstacle.reason()
         );

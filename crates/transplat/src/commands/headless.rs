@@ -318,7 +318,9 @@ impl Headless {
         let prepared = self.shots.project.shown_transfer();
         let prepared = prepared.context("the objects are prepared")?;
         if prepared.source_was_black() {
-            summary.warn("the source light is black and explains nothing; even light is assumed");
+            summary.warn(
+                "the capture light is black and explains nothing; uniform white light is assumed",
+            );
         }
         if prepared.dark_share() > 0.05 {
             summary.warn(format!(
@@ -338,7 +340,7 @@ impl Headless {
         let mut lights = scene.environment_lights();
         let has_no_picture = |l: &EnvironmentLight| l.file.as_deref().is_some_and(|f| !is_file(f));
         if lights.any(|l| l.layout.is_some() && has_no_picture(l)) {
-            summary.skip("the light's layout", "it has no picture");
+            summary.skip("the light's layout", "it has no image");
         }
         match scene.transfer.method {
             Method::Harmonic => {
@@ -531,7 +533,7 @@ fn report_asset(object: &Object, asset: &Splat, summary: &mut Summary) {
     }
     if !cloud.is_empty() && cloud.opacities.iter().all(|o| is_faint(*o)) {
         summary.warn(format!(
-            "{}: all surfels are too faint to be seen (opacity below 1/255); pictures of it are empty",
+            "{}: all Gaussians are transparent (opacity below 1/255); its images are empty",
             path.display()
         ));
     }

@@ -86,7 +86,7 @@ pub fn run(args: &InfoArgs) -> Result<()> {
                 summary.warn(format!("{}: {warning}", path.display()));
             }
             let tables: Vec<String> = of_curves.into_iter().chain(of_cube).collect();
-            lines.push(format!("table of colours: {}", tables.join(", ")));
+            lines.push(format!("LUT: {}", tables.join(", ")));
         }
         FileKind::Look => {
             let scene = load_look(path)?;
@@ -124,7 +124,7 @@ pub fn run(args: &InfoArgs) -> Result<()> {
                 None => "around them whatever there is".into(),
                 Some(Around::Nothing) => "nothing around them".into(),
                 Some(Around::Uniform { uniform: [r, g, b] }) => {
-                    format!("even light of {r} {g} {b} around them")
+                    format!("uniform light of {r} {g} {b} around them")
                 }
                 Some(Around::Sky { .. }) => "sun and sky around them".into(),
                 Some(Around::File { file, .. }) => format!("{} around them", file.display()),
@@ -181,7 +181,7 @@ fn look(scene: &Scene, summary: &mut Summary, lines: &mut Vec<String>) {
             let times = if cuts == 1 { "box" } else { "boxes" };
             said.push(format!("cut by {cuts} {times}"));
         }
-        let source = file(&object.source).unwrap_or_else(|| "nobody tells what".into());
+        let source = file(&object.source).unwrap_or_else(|| "unknown".into());
         said.push(format!("captured under {source}"));
         if !object.shown {
             said.push("not shown".into());
@@ -282,7 +282,7 @@ fn asset(cloud: &SurfelCloud, file: &SplatFile, summary: &mut Summary, lines: &m
     let median_opacity = quantile(cloud.opacities.clone(), 0.5).unwrap_or(0.0);
     summary.set("median_opacity", median_opacity);
     lines.push(format!(
-        "median opacity {median_opacity:.3}; {faint} surfels too faint to be drawn"
+        "median opacity {median_opacity:.3}; {faint} surfels nearly transparent"
     ));
     if let Some(flatness) = found.median_flatness {
         summary.set("median_flatness", flatness);

@@ -288,7 +288,7 @@ pub fn seen(
 fn tell(probe: &Probe, at: Vec3, knows_around: bool, mends_clipped: bool, summary: &mut Summary) {
     if probe.open_share > OPEN && !knows_around {
         summary.warn(format!(
-            "{at}: the scene is open in {} of all directions, and nothing is known of what shines there; --environment tells it",
+            "{at}: the scene is open in {} of all directions, and the light there is unknown; set it with --environment",
             percent(probe.open_share)
         ));
     }

@@ -42,7 +42,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
 
 /// `1 picture`, `2 pictures`.
 pub fn pictures_in_words(count: usize) -> String {
-    format!("{count} picture{}", if count == 1 { "" } else { "s" })
+    format!("{count} image{}", if count == 1 { "" } else { "s" })
 }
 
 /// Pictures of a batch: names of lights, none as captured or by a look's own, and frames.
@@ -80,7 +80,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     }
     if assets.len() > 1 && !relit && args.view.is_none() {
         summary.warn(
-            "nothing tells what the objects were captured under (\"source\" in the scene): they are drawn as captured, and throw no light or shadow on each other",
+            "the capture lights of the objects are missing (\"source\" in the scene): objects are drawn as captured, without shadows on each other",
         );
     }
     if args.animation && scene.animation.keys.len() < 2 {
@@ -135,9 +135,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     let linear = output.format == ImageFormat::ExrFloat;
     let is_plain = scene.display.is_identity() && scene.lut.is_none();
     if linear && (scene.false_color || !is_plain) {
-        summary.warn(
-            "exposure, tone map, table of colours and false colours are for PNG; an EXR stays linear",
-        );
+        summary.warn("exposure, tone map, LUT and false colours are for PNG; an EXR stays linear");
     }
     let is_seen = view.background(scene.background) == Background::Environment;
     let needs_lights = view.needs_relit() || scene.shadow_catcher || is_seen;
@@ -256,22 +254,22 @@ impl<'a> ImageOutput<'a> {
         let is_other = OTHER_PICTURES.contains(&&*extension.to_lowercase());
         if is_other && !is_folder {
             bail!(
-                "{}: a picture is .png or .exr, a film .mp4, .webm or .webp",
+                "{}: an image is .png or .exr, a video .mp4, .webm or .webp",
                 path.display()
             );
         }
         if is_video && targets > 1 {
             bail!(
-                "{}: {targets} targets do not fit into one film; make one of each",
+                "{}: {targets} targets do not fit into one video; make one for each",
                 path.display()
             );
         }
         if is_video && (args.layers || args.format == Some(ImageFormat::ExrFloat)) {
-            return usage("a film holds display values: neither --layers nor --format exr");
+            return usage("a video holds display values: neither --layers nor --format exr");
         }
         if is_file && !is_video && frames * targets.max(1) > 1 {
             bail!(
-                "{}: {} pictures do not fit into one file; give a folder",
+                "{}: {} images do not fit into one file; give a folder",
                 path.display(),
                 frames * targets.max(1)
             );

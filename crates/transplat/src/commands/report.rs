@@ -139,7 +139,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         let names: Vec<&str> = objects.iter().map(|o| &*o.name).collect();
         page.heading("Against path-traced truth");
         page.paragraph(&format!(
-            "{}. Rows, objects and lights by themselves are in {} and {}; pictures of truth, relight and four times their difference, a row a camera, in pictures/.",
+            "{}. Rows, objects and lights by themselves are in {} and {}; images of truth, relight and four times their difference, a row a camera, in pictures/.",
             names.join(", "),
             truth::TRUTH_CSV,
             truth::TRUTH_TABLES
@@ -151,7 +151,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         let table = insertion::run(&scenes, args, &device, &mut summary)?;
         page.heading("Objects put into captured scenes");
         page.paragraph(&format!(
-            "PSNR in dB on the object, on ground and on other things that it changes, and on the whole picture; the ground's bias, and the share of its true change that is shown. The table is {}, the pictures are in pictures/SCENE/OBJECT/WAY.",
+            "PSNR in dB on the object, on ground and on other things that it changes, and on the whole image; the ground's bias, and the share of its true change that is shown. The table is {}, the images are in pictures/SCENE/OBJECT/WAY.",
             insertion::INSERTION_CSV
         ));
         page.preformatted(&table);

@@ -43,7 +43,7 @@ pub fn check_objects(scene: &Scene, is_relit: bool) -> Result<Vec<PathBuf>> {
     let is_any_set = shown.map(|(o, _)| o).any(|o| o.source.file.is_some());
     if let (true, true, Some(name)) = (is_relit, is_any_set, unset) {
         return usage(&format!(
-            "{name}: what it was captured under is missing: \"source\": {{\"file\": ENV|\"estimate\"}} in the look; of the first object --source tells it, too",
+            "{name}: the capture light is missing: set \"source\": {{\"file\": ENV|\"estimate\"}} in the look, or --source for the first object",
         ));
     }
     Ok(assets)

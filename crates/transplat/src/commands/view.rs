@@ -27,7 +27,7 @@ pub fn run(args: &ViewArgs) -> Result<()> {
     let are_set =
         look_of(&options, Some(&light))? != Scene::default() || light.capture.preset.is_some();
     if light.target.len() > 1 {
-        return usage("the viewer takes one --target; give more lights as files, for the shelf");
+        return usage("the viewer takes one --target; give more lights as files, for the library");
     }
     let bake = light.capture.bake.clone();
     let settings = move |mut kept: Scene| {

@@ -182,6 +182,12 @@ impl Thumbnails {
         ) {
             session.project.keep_look();
         }
+        if session.project.scene.variants.is_empty() {
+            empty(
+                ui,
+                tr("Saved looks appear here, to return to and to compare."),
+            );
+        }
         match wished {
             Some((at, Wish::Show)) => session.project.show_look(at),
             Some((at, Wish::Compare)) => session.project.compare_with(at),
@@ -218,6 +224,9 @@ impl Thumbnails {
             tr("Saves the view in the library. (ctrl + B)"),
         ) {
             session.keep_view();
+        }
+        if session.project.scene.bookmarks.is_empty() {
+            empty(ui, tr("Saved views appear here."));
         }
         match wished {
             Some((at, Wish::Show)) => session.show_view(at),
@@ -381,6 +390,14 @@ fn paint_badge(ui: &Ui, rect: Rect, text: &str) {
     let place = Rect::from_min_size(rect.left_top() + vec2(3.0, 3.0), size);
     painter.rect_filled(place, 3.0, Color32::from_black_alpha(170));
     painter.galley(place.min + vec2(4.0, 1.0), text, Color32::WHITE);
+}
+
+/// Says what an empty page is for.
+fn empty(ui: &mut Ui, text: &str) {
+    ui.vertical(|ui| {
+        ui.add_space(NAME_HEIGHT + 0.4 * THUMBNAIL.y);
+        ui.weak(text);
+    });
 }
 
 fn add(ui: &mut Ui, name: &str, tip: &str) -> bool {

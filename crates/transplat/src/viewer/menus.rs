@@ -17,7 +17,9 @@ use super::preferences::Preferences;
 use super::session::{Dialog, SaveKind};
 use super::shortcuts::{self, Action};
 use super::widgets::{button, entry};
-use transplat_engine::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundled};
+use transplat_engine::bundled::{
+    BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundled, manual,
+};
 use transplat_engine::language::{self, tr, tr_format, tr_later};
 use transplat_engine::words::of_error;
 
@@ -67,6 +69,9 @@ impl Viewer {
             });
             ui.menu_button(tr("View"), |ui| self.view_menu(ui));
             ui.menu_button(tr("Help"), |ui| {
+                if entry(ui, tr("Manual")) {
+                    self.open_manual(ui.ctx());
+                }
                 self.shown.help |= entry(ui, tr("Shortcuts (?)"));
                 self.shown.about |= entry(ui, tr("About"));
             });
@@ -144,6 +149,21 @@ impl Viewer {
         if ui.button(tr("Quit")).clicked() {
             ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
         }
+    }
+
+    /// Opens the manual in the browser, and says where it is.
+    fn open_manual(&mut self, context: &egui::Context) {
+        let Some(page) = manual() else {
+            return self.session.error(tr("The manual is not installed."));
+        };
+        let page = page.canonicalize().unwrap_or(page);
+        let url = format!("file://{}", page.display());
+        context.open_url(egui::OpenUrl::new_tab(url));
+        let text = tr_format!(
+            "The manual opens in the browser: {page}",
+            page = page.display()
+        );
+        self.session.info(text);
     }
 
     /// Lists the steps of the history, the last first; a click goes back to one.

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use transplat_core::environment::ImageReading;
 use transplat_core::files::{FileKind, file_kind, load_look};
 use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_file};
-use transplat_core::settings::Method;
 
 use super::session::Session;
 use transplat_engine::language::tr_format;
@@ -149,20 +148,6 @@ impl Session {
     pub fn ask_for_estimate(&mut self) {
         let at = self.selected;
         self.set_light(SOURCE, ESTIMATE.into());
-        if self.estimate().is_some() {
-            return;
-        }
-        if !self.project.is_estimate_awaited(at) {
-            self.project.states[at].estimate.ask_again();
-        }
-        for method in [self.project.scene.transfer.method, Method::Directional] {
-            let is_awaited = self.project.is_bake_awaited(at, method);
-            if let Some(bake) = self.project.states[at].bakes.get_mut(&method)
-                && !is_awaited
-                && bake.current().is_none_or(|b| b.share < 1.0)
-            {
-                bake.ask_again();
-            }
-        }
+        self.project.estimate_again(at);
     }
 }

@@ -18,7 +18,7 @@ use super::files::path_as_typed;
 use super::navigation;
 use super::probes::{BallEnvironment, MAP_WIDTH, ProbeBall, ProbeKey};
 use super::questions::question;
-use super::session::{Dialog, SIDES, SaveKind, Session};
+use super::session::{Dialog, Message, SIDES, SaveKind, Session};
 use super::shortcuts::{self, Action, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
 use transplat_engine::bundled::BUNDLED_SPLAT;
@@ -32,6 +32,9 @@ const BALL_SIZE: f32 = 46.0;
 
 /// Seconds that a message stays that is no error.
 const MESSAGE_S: f32 = 7.0;
+
+/// Seconds that a message stays that offers something.
+const OFFER_S: f32 = 20.0;
 
 /// Time that a job runs before it is shown.
 const MOMENT: Duration = Duration::from_millis(400);
@@ -120,7 +123,11 @@ impl Viewer {
             ..
         } = &mut self.session;
         let running = || project.jobs.running().iter().chain(jobs.running());
-        messages.retain(|m| m.is_error || m.since.elapsed().as_secs_f32() < MESSAGE_S);
+        let stays = |m: &Message| match m.mend {
+            Some(_) => OFFER_S,
+            None => MESSAGE_S,
+        };
+        messages.retain(|m| m.is_error || m.since.elapsed().as_secs_f32() < stays(m));
         // What is over in a moment is not worth a word.
         let is_long = |j: &&Job| j.started.elapsed() > MOMENT;
         if !running().all(|j| is_long(&j)) {
@@ -133,6 +140,7 @@ impl Viewer {
         let width = (rect.width() * 0.5).clamp(240.0, 460.0);
         let mut dismissed = None;
         let mut dismiss_all = false;
+        let mut mended = None;
         area.show(context, |ui| {
             ui.set_max_width(width);
             for job in &jobs {
@@ -193,7 +201,15 @@ impl Viewer {
                             ui.visuals().text_color()
                         };
                         let text = egui::RichText::new(&message.text).color(color);
-                        ui.add(egui::Label::new(text).wrap());
+                        ui.vertical(|ui| {
+                            ui.add(egui::Label::new(text).wrap());
+                            if let Some(mend) = message.mend
+                                && ui.button(mend.name()).clicked()
+                            {
+                                mended = Some(mend);
+                                dismissed = Some(i);
+                            }
+                        });
                     });
                 });
             }
@@ -210,6 +226,9 @@ impl Viewer {
             messages.clear();
         } else if let Some(i) = dismissed {
             messages.remove(i);
+        }
+        if let Some(mend) = mended {
+            self.session.project.mend(mend);
         }
     }
 
@@ -366,14 +385,15 @@ impl Viewer {
     }
 
     pub(super) fn sheet_of_shortcuts(&mut self, context: &egui::Context) {
-        let corner = self.viewport.rect.left_top() + egui::vec2(20.0, 20.0);
+        let whole = context.content_rect();
+        let corner = whole.left_top() + egui::vec2(20.0, 34.0);
         let mut open = self.shown.help;
         egui::Window::new(tr("Shortcuts"))
             .default_pos(corner)
             .open(&mut open)
             .resizable(false)
             .show(context, |ui| {
-                let room = (self.viewport.rect.height() - 80.0).max(160.0);
+                let room = (whole.height() - 110.0).max(160.0);
                 egui::ScrollArea::vertical()
                     .max_height(room)
                     .show(ui, |ui| {
@@ -384,7 +404,10 @@ impl Viewer {
                             ui.separator();
                             let keys = SHORTCUTS
                                 .map(|(m, key, _, what)| (shortcuts::name(m, key), tr(what)));
-                            sheet(ui, "keys", &keys);
+                            for (column, keys) in keys.chunks(keys.len().div_ceil(2)).enumerate() {
+                                sheet(ui, ["keys", "more keys"][column], keys);
+                                ui.separator();
+                            }
                         });
                     });
             });

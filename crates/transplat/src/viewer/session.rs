@@ -21,7 +21,7 @@ use transplat_engine::jobs::{Handle, Job, Jobs, Kind, Wake};
 use transplat_engine::language::tr_later;
 use transplat_engine::object::{ObjectState, OrientedLight};
 use transplat_engine::project::canvas::Canvas;
-use transplat_engine::project::{Notice, Project, SOURCE};
+use transplat_engine::project::{Mend, Notice, Project, SOURCE};
 use transplat_engine::splat::Splat;
 use transplat_engine::words::of_error;
 use transplat_eval::savings::Saved;
@@ -87,6 +87,8 @@ pub struct Message {
     pub text: String,
     pub is_error: bool,
     pub since: Instant,
+    /// Action that it offers.
+    pub mend: Option<Mend>,
 }
 
 /// Overlays of the picture.
@@ -180,19 +182,20 @@ impl Session {
     }
 
     pub fn info(&mut self, text: impl Into<String>) {
-        self.tell(text.into(), false);
+        self.tell(text.into(), false, None);
     }
 
     pub fn error(&mut self, text: impl Into<String>) {
-        self.tell(text.into(), true);
+        self.tell(text.into(), true, None);
     }
 
-    fn tell(&mut self, text: String, is_error: bool) {
+    fn tell(&mut self, text: String, is_error: bool, mend: Option<Mend>) {
         self.messages.retain(|m| m.text != text);
         self.messages.push(Message {
             text,
             is_error,
             since: Instant::now(),
+            mend,
         });
     }
 
@@ -214,13 +217,17 @@ impl Session {
         for notice in std::mem::take(&mut self.project.notices) {
             match notice {
                 Notice::Info(text) => self.info(text),
+                Notice::Offer(text, mend) => self.tell(text, false, Some(mend)),
                 Notice::Error(text) => self.error(text),
                 Notice::Opened(path) => self.opened.push(path),
                 Notice::NoLight(path) => self.events.push(Event::NoLight(path)),
                 Notice::PictureSize(size) => self.events.push(Event::PictureSize(size)),
                 Notice::Added(at) => self.selected = at,
-                Notice::Removed(at) if self.selected > at => self.selected -= 1,
-                Notice::Removed(_) => {}
+                Notice::Removed(at) => {
+                    self.selected -= usize::from(self.selected > at);
+                    // The objects have other numbers now.
+                    self.messages.retain(|message| message.mend.is_none());
+                }
             }
         }
         let last = self.project.scene.objects.len() - 1;
@@ -335,7 +342,7 @@ impl Session {
         self.state().relit.get()?.stops_over_source
     }
 
-    /// True where the capture light is not known, and even light is assumed.
+    /// True where the capture light is not known, and uniform white light is assumed.
     pub fn source_is_assumed(&self) -> bool {
         self.light(SOURCE).is_even
     }

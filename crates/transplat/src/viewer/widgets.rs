@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use eframe::egui::{self, PointerButton, Pos2, Rect, Response, Ui, Vec2};
 use eframe::emath::Numeric;
 
-use super::style::NAME_WIDTH;
+use super::style::{NAME_WIDTH, NUMBER_WIDTH};
 use transplat_engine::jobs::PROGRESS_INTERVAL;
 use transplat_engine::language::{tr, tr_format};
 
@@ -71,10 +71,11 @@ impl<T: Numeric> Control<'_, T> {
             let label = name(ui, self.label);
             // A number that needs more room takes it from its rail: the panel would grow by it, and the rail with the panel.
             let spacing = ui.spacing();
-            let around = 2.0 * spacing.button_padding.x + spacing.item_spacing.x;
-            let left = ui.available_width() - around - width_of(ui, number);
-            let rail = left.clamp(SHORTEST_RAIL, spacing.slider_width.max(SHORTEST_RAIL));
+            let needs = 2.0 * spacing.button_padding.x + width_of(ui, number);
+            let (number, gap) = (needs.max(NUMBER_WIDTH), spacing.item_spacing.x);
+            let rail = (ui.available_width() - gap - number).max(SHORTEST_RAIL);
             ui.spacing_mut().slider_width = rail;
+            ui.spacing_mut().interact_size.x = number;
             ui.add(slider).labelled_by(label.id)
         });
         let response = row.inner;
@@ -102,6 +103,12 @@ fn width_of(ui: &Ui, text: String) -> f32 {
 fn is_double_clicked(ui: &Ui, response: &Response) -> bool {
     let double = ui.input(|i| i.pointer.button_double_clicked(PointerButton::Primary));
     double && response.contains_pointer()
+}
+
+/// Heading of a group of controls.
+pub fn heading(ui: &mut Ui, text: &str) {
+    ui.add_space(6.0);
+    ui.strong(text);
 }
 
 /// A control's name before it.
@@ -153,6 +160,8 @@ pub fn choice<T: PartialEq + Clone>(
             *value = options[0].1.clone();
         }
         let list = egui::ComboBox::from_id_salt(label.id)
+            .width(ui.available_width())
+            .truncate()
             .selected_text(chosen)
             .show_ui(ui, |ui| {
                 for (name, option) in options {

@@ -107,7 +107,7 @@ impl CameraFile {
                 None => {
                     self.sees = false;
                     format!(
-                        "{path}: its {} cameras see nothing of the splat: they are in other coordinates, or of another capture; put the dataparser_transforms.json of its training beside them, or frame it otherwise (--turntable, --eye)",
+                        "{path}: its {} cameras see nothing of the splat: their coordinates differ, or they are of another capture. Put the dataparser_transforms.json of the training beside them, or use --turntable or --eye",
                         frames.len()
                     )
                 }
@@ -185,12 +185,12 @@ impl Offsets {
         }
         let mut tell = |what: &str| {
             told.push(format!(
-                "{}: {what}; undistort the photographs first, pictures are a little off otherwise",
+                "{}: {what}; undistort the photographs first, or images are slightly off",
                 path.display()
             ));
         };
         if self.center > UNSEEN {
-            tell("the optical axis is not in the middle of the picture");
+            tell("the principal point is off the image centre");
         }
         if self.distorted && self.other.is_none() {
             tell("the lens is distorted");

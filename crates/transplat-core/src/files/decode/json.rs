@@ -82,7 +82,7 @@ fn of_data(said: &str) -> String {
         return format!("{:?} is missing", quoted(said));
     }
     if said.starts_with("unknown field") {
-        return format!("{:?} is no field that is known here", quoted(said));
+        return format!("{:?} is an unknown field", quoted(said));
     }
     if said.starts_with("unknown variant") {
         let among = found_and_expected(said).map_or_else(String::new, |(_, expected)| expected);
@@ -187,7 +187,7 @@ mod tests {
                 r#"{"size": "x", "name": ""}"#,
                 "the text \"x\" stands where a number is expected",
             ),
-            (r#"{"nam": ""}"#, "\"nam\" is no field that is known here"),
+            (r#"{"nam": ""}"#, "\"nam\" is an unknown field"),
             (
                 r#"{"name": "", "place": [1]}"#,
                 "a list of 1 stands where a list of 3 is expected",

@@ -289,7 +289,7 @@ impl Light {
                 (0.0..=180.0).contains(&cutoff_deg) && (0.0..=cutoff_deg).contains(&beam_deg),
                 || {
                     format!(
-                        "beam_deg {beam_deg} and cutoff_deg {cutoff_deg} are to be 0 to 180 from the axis, the beam within the cutoff"
+                        "beam_deg {beam_deg} and cutoff_deg {cutoff_deg} must be 0 to 180 from the axis, the beam within the cutoff"
                     )
                 },
             ),

@@ -145,7 +145,7 @@ impl Relight for DirectionalTransfer {
         let asked = asset.neighbors.asked().len();
         if asked < n {
             let told = 100.0 * (n - asked) as f32 / n as f32;
-            let why = format!("{told:.0} % of the surfels are told by their neighbours");
+            let why = format!("{told:.0} % of the surfels follow their neighbours");
             out.push(SkippedWork {
                 skip: Some(Optimization::SharedLobes),
                 max_error: Some(SHARED_LOBES_ERROR),
@@ -162,15 +162,14 @@ impl Relight for DirectionalTransfer {
             let (what, why) = if self.specular_surfels > 0 {
                 let diffuse = 100.0 * (n - self.specular_surfels) as f32 / n as f32;
                 let what = format!("the lobe of {diffuse:.0} % of the surfels");
-                (what, "their colour shows no gloss that is seen")
+                (what, "their colour shows no visible highlights")
             } else if self.trust < 1.0 {
-                let why =
-                    "what is mirrored is not told from paint where the source light is not known";
+                let why = "reflections cannot be separated from paint without the capture light";
                 ("specular lobe".into(), why)
             } else if cloud.has_view_dependence() {
                 (
                     "specular lobe".into(),
-                    "the asset's colour shows no gloss that is seen",
+                    "the splat's colour shows no visible highlights",
                 )
             } else {
                 let why = "the asset's colour does not depend on the view";

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use transplat_core::estimate::estimate_light;
+use transplat_core::settings::Method;
 
 use crate::bake::BakePlace;
 use crate::environments::Environment;
@@ -10,7 +11,7 @@ use crate::estimate::{make_and_keep, why_not};
 use crate::jobs::{Handle, Kind, Work};
 use crate::language::{tr, tr_format, tr_later};
 use crate::object::ObjectState;
-use crate::project::Project;
+use crate::project::{Mend, Project};
 use crate::words::of_error;
 
 /// For the user, where nobody told the light.
@@ -95,15 +96,33 @@ impl Project {
         });
     }
 
+    /// Estimates the capture light of an object again, also where that was cancelled before or failed.
+    pub fn estimate_again(&mut self, at: usize) {
+        if self.states[at].estimate.get().is_some() {
+            return;
+        }
+        if !self.is_estimate_awaited(at) {
+            self.states[at].estimate.ask_again();
+        }
+        for method in [self.scene.transfer.method, Method::Directional] {
+            let is_awaited = self.is_bake_awaited(at, method);
+            if let Some(bake) = self.states[at].bakes.get_mut(&method)
+                && !is_awaited
+                && bake.current().is_none_or(|b| b.share < 1.0)
+            {
+                bake.ask_again();
+            }
+        }
+    }
+
     /// Tells once that what was on its way to an estimate was cancelled, or failed.
     fn report_if_broken_off(&mut self, at: usize) {
         let is_on_its_way = self.is_estimating(at);
         let state = &mut self.states[at];
         let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
         if was_awaited && !is_on_its_way && state.estimate.get().is_none() {
-            self.info(tr(
-                "The capture light was not estimated. Estimate it again in Light > Capture light.",
-            ));
+            let text = tr("The capture light was not estimated.");
+            self.offer(text, Mend::Estimate(at));
         }
     }
 

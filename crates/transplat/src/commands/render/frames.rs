@@ -43,7 +43,7 @@ pub fn frames(args: &RenderArgs, headless: &Headless, summary: &mut Summary) -> 
     let samples = frames.iter().map(samples).max().unwrap_or_default();
     if samples > MAX_SAMPLES {
         bail!(
-            "a picture of {samples} samples is too large; {MAX_SAMPLES} are possible: lower --size or --supersample"
+            "an image of {samples} samples is too large; {MAX_SAMPLES} are possible: lower --size or --supersample"
         );
     }
     Ok(frames)

@@ -263,7 +263,7 @@ impl<'a> ExportRun<'a> {
                     scene.go_to(frame as f64 / f64::from(frame_rate));
                 })
             }
-            Task::ContactSheet => bail!("not one picture"),
+            Task::ContactSheet => bail!("no image"),
         }
     }
 

@@ -9,24 +9,29 @@ use crate::viewer::export::task::{ExportSides, Task, Turn};
 use crate::viewer::files::ask;
 use crate::viewer::session::{Dialog, SaveKind};
 use crate::viewer::style::small;
-use crate::viewer::widgets::{button, choice, named, number};
+use crate::viewer::widgets::{button, choice, heading, name, named, number};
 use transplat_engine::delight::{ALBEDOS, DelitAs};
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::output::ImageFormat;
 use transplat_engine::video::{VideoFormat, has_ffmpeg};
 
+/// Room for the button that chooses a folder, and the gap before it.
+const CHOOSE_WIDTH: f32 = 40.0;
+
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
+    heading(ui, tr("Image"));
     picture(ui, viewer);
     place(ui, viewer);
     let mut task = tasks(ui);
-    ui.separator();
+    heading(ui, tr("Turntable and animation"));
     task = task.or(turntable(ui, viewer));
-    ui.separator();
+    heading(ui, tr("Relit splat"));
     splat_format(ui, viewer);
     let tip = tr("Saves the relit splat for any viewer. (ctrl + E)");
     if button(ui, tr("Export relit splat…"), tip) {
         viewer.ask_where(SaveKind::Splat, viewer.splat_ending());
     }
+    heading(ui, tr("Splat without light"));
     delit(ui, viewer);
     if let Some(task) = task {
         viewer.export(task);
@@ -96,6 +101,7 @@ fn splat_format(ui: &mut Ui, viewer: &mut Viewer) {
 fn picture(ui: &mut Ui, viewer: &mut Viewer) {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
+        name(ui, tr("Size"));
         for (i, name) in [tr("Width"), tr("Height")].into_iter().enumerate() {
             let drag = number(&mut settings.size[i], 1..=16384).suffix(tr(" px"));
             let response = ui.add(drag).on_hover_text(tr_format!(
@@ -144,8 +150,9 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
 fn place(ui: &mut Ui, viewer: &mut Viewer) {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
-        let field = egui::TextEdit::singleline(&mut settings.folder).desired_width(150.0);
-        let label = ui.label(tr("Folder"));
+        let label = name(ui, tr("Folder"));
+        let room = ui.available_width() - CHOOSE_WIDTH;
+        let field = egui::TextEdit::singleline(&mut settings.folder).desired_width(room);
         ui.add(field)
             .labelled_by(label.id)
             .on_hover_text(tr("Folder for saved images."));
@@ -159,8 +166,9 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
         }
     });
     ui.horizontal(|ui| {
-        let label = ui.label(tr("Name"));
-        let field = egui::TextEdit::singleline(&mut settings.pattern).desired_width(180.0);
+        let label = name(ui, tr("Name"));
+        let room = ui.available_width();
+        let field = egui::TextEdit::singleline(&mut settings.pattern).desired_width(room);
         ui.add(field).labelled_by(label.id).on_hover_text(tr(
             "Name of images. {splat}, {light}, {view} and {n} (the frame number) are filled in.",
         ));
@@ -200,6 +208,7 @@ fn tasks(ui: &mut Ui) -> Option<Task> {
 fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
+        name(ui, tr("Rotate"));
         let drag = number(&mut settings.frames, 2..=10_000).suffix(tr(" frames"));
         let response = ui.add(drag).on_hover_text(tr("Frames of a whole turn."));
         named(&response, egui::Role::SpinButton, tr("Turntable frames"));

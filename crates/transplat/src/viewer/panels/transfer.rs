@@ -6,22 +6,23 @@ use transplat_core::settings::{EPSILON, GLOW_ABOVE, GLOW_RANGE, Method, Terms, T
 use transplat_core::sh::MAX_DEGREE;
 
 use crate::viewer::app::Viewer;
-use crate::viewer::widgets::{Control, advanced, name};
-use transplat_engine::language::{tr, tr_format};
+use crate::viewer::widgets::{Control, advanced, choice};
+use transplat_engine::language::tr;
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let transfer = &mut viewer.session.project.scene.transfer;
-    ui.horizontal(|ui| {
-        name(ui, tr("Relight by"));
-        for (method, tip) in [
-            (Method::Directional, tr("Accurate: directional integration, crisp shadows, bounced light and highlights.")),
-            (Method::Harmonic, tr("Harmonic transfer of the TranSplat paper: softer and fastest.")),
-        ] {
-            let text = tr_format!("preset {}", method.preset());
-            ui.selectable_value(&mut transfer.method, method, text)
-                .on_hover_text(tip);
-        }
-    });
+    choice(
+        ui,
+        tr("Method"),
+        tr(
+            "Directional: crisp shadows, bounced light and highlights. Harmonic: softer and fastest.",
+        ),
+        &mut transfer.method,
+        &[
+            (tr("Directional (accurate)"), Method::Directional),
+            (tr("Harmonic (TranSplat paper)"), Method::Harmonic),
+        ],
+    );
     advanced(ui, |ui| numbers_and_terms(ui, viewer));
 }
 
