@@ -170,7 +170,7 @@ fn a_film_holds_the_frames_or_says_what_it_needs() {
     let none = draw("", &folder.name("b.mp4"));
     let message = String::from_utf8_lossy(&none.stderr).into_owned();
     assert!(
-        none.status.code() == Some(1) && message.contains("needs the program ffmpeg"),
+        none.status.code() == Some(1) && message.contains("a video needs ffmpeg"),
         "{message}"
     );
     folder.write("ffmpeg", "#!/bin/sh\necho out of ink >&2\nexit 3\n");

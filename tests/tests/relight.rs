@@ -273,7 +273,7 @@ fn a_capture_of_unknown_light_is_relit_from_an_estimate() {
     let relight = [
         "relight", &few, "--source", "estimate", "--target", &sunset, "--device", "cpu", "-o", &out,
     ];
-    run_told(&relight, 0, &["half of the change is made"]);
+    run_told(&relight, 0, &["half of the change for a capture"]);
 }
 
 #[test]

@@ -101,7 +101,7 @@ impl Capture {
         let made = bake::refined(device, &wanted, None, progress, |_| ())?;
         match &*made.bake {
             Bake::Directional(bake) => Ok(self.bake.get_or_init(|| bake.clone()).clone()),
-            Bake::Harmonic(_) | Bake::Scene(_) => bail!(tr("The bake is for the other preset.")),
+            Bake::Harmonic(_) | Bake::Scene(_) => bail!(tr("The bake is for the other method.")),
         }
     }
 

@@ -628,7 +628,7 @@ impl Project {
         let is_open = files.iter().chain(others).any(|p| is_same_file(p, path));
         if path.exists() && is_open {
             bail!(tr_format!(
-                "{}: this file is open and would be lost. Choose another name.",
+                "{}: this file is open in the scene. Choose another name.",
                 path.display()
             ));
         }

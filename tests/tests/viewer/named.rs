@@ -108,7 +108,7 @@ fn all_of_a_panel_comes_under_the_keyboard() {
         .into_iter()
         .map(|(_, name)| name)
         .filter(|name| {
-            ["Front", "Frame", "orthographic", "Grid", "Light probes"].contains(&&**name)
+            ["Front", "Frame", "orthographic", "Grid", "Reference balls"].contains(&&**name)
         })
         .collect();
     assert_eq!(wanted.len(), 5, "{:?}", controls(&d));

@@ -80,7 +80,7 @@ impl Project {
         if up != object.up.unwrap_or(asset.file_up) {
             object.up = Some(up);
             self.info(tr_format!(
-                "Set upright by its cameras: {name} is up. The panel Objects changes it.",
+                "Up axis set to {name}, by its cameras. Change it in Objects.",
                 name = up.name()
             ));
         }

@@ -374,11 +374,11 @@ impl Project {
             let name = up.name();
             self.info(match evidence {
                 UpEvidence::Ground => tr_format!(
-                    "Set upright by its ground: {name} is up. The panel Objects changes it.",
+                    "Up axis set to {name}, by its ground. Change it in Objects.",
                     name = name
                 ),
                 UpEvidence::Stance => tr_format!(
-                    "Set upright by its stance: {name} is up. The panel Objects changes it.",
+                    "Up axis set to {name}, by its shape. Change it in Objects.",
                     name = name
                 ),
             });

@@ -211,7 +211,7 @@ pub fn low_confidence_name(low_confidence: LowConfidence) -> &'static str {
     match low_confidence {
         LowConfidence::LeftOut => tr("hidden: invalid or nearly transparent"),
         LowConfidence::DarkSource => tr("dark in the capture light"),
-        LowConfidence::Clipped => tr("captured clipped at white"),
+        LowConfidence::Clipped => tr("clipped in the capture"),
         LowConfidence::AtLimit => tr("ratio beyond 3 stops"),
         LowConfidence::AmbiguousNormal => tr("uncertain normal orientation"),
     }

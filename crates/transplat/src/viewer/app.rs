@@ -471,7 +471,7 @@ impl Viewer {
     pub(super) fn save_to(&mut self, path: &Path, kind: SaveKind, replace: bool) {
         match kind {
             SaveKind::Folder if path.is_file() => {
-                let why = tr("is a file. Choose a folder.");
+                let why = tr("This is a file. Choose a folder.");
                 return self.session.error(format!("{}: {why}", path.display()));
             }
             SaveKind::Folder => {
@@ -487,7 +487,7 @@ impl Viewer {
             _ => {}
         }
         if path.is_dir() {
-            let why = tr("is a folder. Enter a file name.");
+            let why = tr("This is a folder. Enter a file name.");
             self.session.error(format!("{}: {why}", path.display()));
             return;
         }
@@ -628,7 +628,9 @@ impl Viewer {
                 "Could not copy the image: {error}",
                 error = error
             )),
-            None => self.session.error(tr("There is no clipboard.")),
+            None => self.session.error(tr(
+                "Could not copy: no clipboard is available. Save the image instead (F12).",
+            )),
         }
     }
 
@@ -673,7 +675,7 @@ impl Viewer {
         if session.source_is_assumed() {
             out.push(SkippedWork::exact(
                 Stage::Project,
-                tr("projection of the source"),
+                tr("projecting the capture light"),
                 tr("its light is uniform"),
             ));
         }
@@ -734,13 +736,12 @@ impl Viewer {
             made && transplat_core::files::save_look(path, &self.session.project.scene_to_save())
                 .is_ok()
         });
-        let mut text = tr(
-            "The graphics device was lost: its driver was updated or reset, or ran out of memory",
-        )
-        .to_owned();
+        let mut text =
+            tr("The graphics driver stopped: it was updated or reset, or ran out of memory")
+                .to_owned();
         if let Some(path) = kept {
             text += &tr_format!(
-                ". Your settings are saved in {}: restart and open that file.",
+                ". Your work is saved in {}: restart and open that file.",
                 path.display()
             );
             self.preferences.remember(&path);

@@ -164,7 +164,7 @@ impl Thumbnails {
                     tr("Click: use this look. Right-click: more.").into()
                 } else {
                     tr_format!(
-                        "{note}\n\nClick: take this look. Right click: more.",
+                        "{note}\n\nClick: use this look. Right-click: more.",
                         note = note
                     )
                 },

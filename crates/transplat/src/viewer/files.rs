@@ -59,10 +59,10 @@ impl PathField {
             Some(Dialog::Open | Dialog::OpenFolder) => vec![(tr("Open"), None)],
             Some(Dialog::Save(SaveKind::Look, _)) => vec![(tr("Save look"), Some(SaveKind::Look))],
             Some(Dialog::Save(SaveKind::Rig, _)) => {
-                vec![(tr("Save lights"), Some(SaveKind::Rig))]
+                vec![(tr("Save rig"), Some(SaveKind::Rig))]
             }
             Some(Dialog::Save(SaveKind::OpenRig, _)) => {
-                vec![(tr("Open lights"), Some(SaveKind::OpenRig))]
+                vec![(tr("Open rig"), Some(SaveKind::OpenRig))]
             }
             Some(Dialog::Save(SaveKind::Environment, _)) => {
                 vec![(tr("Save as environment"), Some(SaveKind::Environment))]
@@ -160,12 +160,12 @@ fn show(dialog: Dialog, folder: &Path) -> Option<Event> {
             .pick_folder()
             .map(|folder| Event::SaveTo(folder, SaveKind::Folder)),
         Dialog::Save(SaveKind::Backplate, _) => new()
-            .set_title(tr("Photograph behind the objects"))
+            .set_title(tr("Backplate"))
             .add_filter(tr("Photographs"), &ENVIRONMENTS)
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::Backplate)),
         Dialog::Save(SaveKind::OpenRig, _) => new()
-            .set_title(tr("Open lights"))
+            .set_title(tr("Open rig"))
             .add_filter(tr("Lights"), &["json"])
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::OpenRig)),
@@ -177,7 +177,7 @@ fn show(dialog: Dialog, folder: &Path) -> Option<Event> {
         Dialog::Save(kind, name) => {
             let (title, filter, extensions): (_, _, &[&str]) = match kind {
                 SaveKind::Look => (tr("Save look"), tr("Look"), &["json"]),
-                SaveKind::Rig => (tr("Save lights"), tr("Lights"), &["json"]),
+                SaveKind::Rig => (tr("Save rig"), tr("Lights"), &["json"]),
                 SaveKind::Environment => (
                     tr("Save as environment"),
                     tr("Environment"),

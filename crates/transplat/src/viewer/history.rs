@@ -199,7 +199,7 @@ const WORDS: [(&str, &str); 57] = [
     ("objects", tr_later("objects")),
     ("outside_from", tr_later("outside")),
     ("plate", tr_later("photograph")),
-    ("shadow_catcher", tr_later("shadow on the ground")),
+    ("shadow_catcher", tr_later("shadow catcher")),
     ("source", tr_later("capture light")),
     ("source/file", tr_later("capture light")),
     ("source/layout", tr_later("layout of the capture light")),
@@ -360,11 +360,11 @@ fn changed_in_light(before: &Light, after: &Light) -> String {
     } else if before.name != after.name {
         tr("name").into()
     } else if before.fixed_to != after.fixed_to {
-        tr("fixed to").into()
+        tr("attachment").into()
     } else if place(before) != place(after) {
         tr("moved").into()
     } else if before.source.emission() != after.source.emission() {
-        tr("emission").into()
+        tr("power").into()
     } else {
         tr("size").into()
     }

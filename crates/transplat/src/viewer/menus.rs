@@ -282,7 +282,7 @@ impl Viewer {
         });
         ui.separator();
         ui.checkbox(&mut self.shown.panels, tr("Panels"));
-        ui.checkbox(&mut self.preferences.probes, tr("Light probes"));
+        ui.checkbox(&mut self.preferences.probes, tr("Reference balls"));
         ui.checkbox(&mut self.timeline.is_shown, tr("Timeline"));
         ui.checkbox(&mut self.session.overlays.grid, tr("Grid"));
         ui.checkbox(&mut self.session.overlays.marks, tr("Mark low confidence"));
@@ -388,7 +388,7 @@ pub(super) const CHANNELS: [(&str, View, &str); 9] = [
         tr_later("Near is white, far is dark."),
     ),
     (
-        tr_later("Visibility"),
+        tr_later("Ambient occlusion"),
         View::Visibility,
         tr_later("Ambient occlusion: black is fully occluded."),
     ),
@@ -405,7 +405,7 @@ pub(super) const CHANNELS: [(&str, View, &str); 9] = [
     (
         tr_later("Ratio"),
         View::Tau,
-        tr_later("Stops of the new light over the capture light."),
+        tr_later("How much brighter or darker the new light is, in stops."),
     ),
     (
         tr_later("Confidence"),

@@ -46,7 +46,7 @@ impl Session {
             }
             Ok(FileKind::Lut) => self.project.open_lut(path.to_owned()),
             Ok(_) => self.error(tr_format!(
-                "{}: bakes beside a splat open with it. Open the splat instead.",
+                "{}: a bake loads with its splat. Open the splat.",
                 path.display()
             )),
             Err(error) => self.error(error.to_string()),

@@ -86,7 +86,7 @@ impl Viewer {
             let name = ui.label(session.canvas.context.name());
             if software {
                 ui.colored_label(ui.visuals().warn_fg_color, tr("software"))
-                    .on_hover_text(tr("This driver computes on the CPU: everything works, slowly. A graphics card with its Vulkan driver makes it fast."));
+                    .on_hover_text(tr("No graphics card driver was found, so this runs on the CPU. Install your card's driver for full speed."));
             } else {
                 name.on_hover_text(tr("Graphics adapter."));
             }
@@ -100,7 +100,7 @@ impl Viewer {
                 let line = |s: &SkippedWork| format!("{}: {}", s.what, self.skipped_work_in_words(s));
                 let all: Vec<String> = skipped_work.iter().map(line).collect();
                 ui.label(text)
-                    .on_hover_text(tr_format!("Not needed for this scene, or switched off:\n{}", all.join("\n")));
+                    .on_hover_text(tr_format!("Skipped, since not needed or off:\n{}", all.join("\n")));
             }
         });
     }
@@ -147,7 +147,7 @@ impl Viewer {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal(|ui| {
                         if job.waits() {
-                            ui.weak(tr("waits"));
+                            ui.weak(tr("queued"));
                         } else if job.progress() > 0.0 {
                             let bar = egui::ProgressBar::new(job.progress());
                             ui.add(bar.desired_width(90.0).show_percentage());
@@ -437,26 +437,22 @@ impl Viewer {
             .open(&mut is_shown)
             .show(context, |ui| {
                 let label = ui.label(match &field.dialog {
-                    None => tr("A file or folder to open, or the name of a file to write:"),
-                    Some(Dialog::Open) => tr("The desktop shows no file dialog. A file to open:"),
-                    Some(Dialog::OpenFolder) => {
-                        tr("The desktop shows no file dialog. A folder to open:")
-                    }
+                    None => tr("File or folder to open, or file to save:"),
+                    Some(Dialog::Open) => tr("No file dialog is available. File to open:"),
+                    Some(Dialog::OpenFolder) => tr("No file dialog is available. Folder to open:"),
                     Some(Dialog::Save(SaveKind::Backplate, _)) => {
-                        tr("The desktop shows no file dialog. A photograph:")
+                        tr("No file dialog is available. Backplate to open:")
                     }
                     Some(Dialog::Save(SaveKind::OpenRig, _)) => {
-                        tr("The desktop shows no file dialog. Lights to open (.json):")
+                        tr("No file dialog is available. Rig to open (.json):")
                     }
                     Some(Dialog::Save(SaveKind::Lut, _)) => {
-                        tr("The desktop shows no file dialog. A LUT (.cube):")
+                        tr("No file dialog is available. LUT to open (.cube):")
                     }
                     Some(Dialog::Save(SaveKind::Folder, _)) => {
-                        tr("The desktop shows no file dialog. A folder for images:")
+                        tr("No file dialog is available. Folder for images:")
                     }
-                    Some(Dialog::Save(..)) => {
-                        tr("The desktop shows no file dialog. A file to write:")
-                    }
+                    Some(Dialog::Save(..)) => tr("No file dialog is available. File to save:"),
                 });
                 let edit = egui::TextEdit::singleline(&mut field.text).desired_width(420.0);
                 let response = ui.add(edit).labelled_by(label.id);

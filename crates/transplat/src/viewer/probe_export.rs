@@ -46,7 +46,7 @@ impl Session {
         let (turn, gain) = (settings.map_from_asset(up).as_mat3(), settings.gain());
         let (device, whole) = (self.project.device.clone(), self.project.whole());
         let folder = PathBuf::from(folder);
-        let label = tr_format!("looking around from {}", asset.name());
+        let label = tr_format!("rendering a probe at {}", asset.name());
         let work = move |_: &_| -> Result<_> {
             let map: EnvironmentMap = (*load_map(&source)?).clone();
             let sky = |d: Vec3| {

@@ -61,7 +61,10 @@ impl Question {
                 }
                 Self::AddOrReplace(path) => {
                     let name = path.file_name().unwrap_or_default().display();
-                    ui.label(tr_format!("Where does {name} go?", name = name));
+                    ui.label(tr_format!(
+                        "Add {name} to the scene, or replace an object?",
+                        name = name
+                    ));
                     let replace = tr_format!("Replace {called}", called = selected);
                     let answers = [
                         (Answer::Add, tr("Add to scene")),

@@ -159,7 +159,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 49] = [
         tr_later("scale the object"),
     ),
     (SHIFT, Key::G, Action::Grid, tr_later("grid")),
-    (NONE, Key::L, Action::Probes, tr_later("light probes")),
+    (NONE, Key::L, Action::Probes, tr_later("reference balls")),
     (NONE, Key::J, Action::Timeline, tr_later("timeline")),
     (NONE, Key::K, Action::Marks, tr_later("mark low confidence")),
     (

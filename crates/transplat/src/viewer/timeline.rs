@@ -100,7 +100,7 @@ impl Timeline {
     fn buttons(&mut self, ui: &mut Ui, session: &mut Session) {
         let can_play = session.project.scene.animation.keys.len() > 1;
         let (icon, tip) = match self.is_playing {
-            true => (Icon::Pause, tr("Stops here.")),
+            true => (Icon::Pause, tr("Pauses the animation.")),
             false => (Icon::Play, tr("Plays the light animation in a loop.")),
         };
         let text = RichText::new(char::from(icon)).font(style::icon());

@@ -53,11 +53,11 @@ pub enum Placing {
 /// Says what a click or a drag does now.
 fn say_what_to_do(ui: &Ui, rect: Rect, placing: Placing) {
     let text = match placing {
-        Placing::Highlight => tr("Click or drag where the light should reflect. Esc: done"),
+        Placing::Highlight => tr("Click or drag where the light should reflect. Esc to finish."),
         Placing::Shadow => {
-            tr("Drag from the shadow caster to where its shadow should fall. Esc: done")
+            tr("Drag from the shadow caster to where its shadow should fall. Esc to finish.")
         }
-        Placing::Aim => tr("Click where the light should aim. Esc: done"),
+        Placing::Aim => tr("Click where the light should aim. Esc to finish."),
     };
     let below = Pos2::new(rect.center().x, rect.top() + 62.0);
     tag(&ui.painter_at(rect), below, egui::Align2::CENTER_TOP, text);

@@ -69,7 +69,7 @@ impl Project {
             let confidence = present::confidence(&cloud, &bake, &prepared, &tau);
             Ok((ConfidenceMap::new(confidence), readout))
         };
-        let label = tr("rating confidence");
+        let label = tr("computing confidence");
         self.start(kind, label, work, move |project, made| {
             project.show_confidence(id, key, made);
         });

@@ -117,7 +117,7 @@ impl Project {
                     let progress = |done: f64| handle.progress((i as f64 + done) / count);
                     match bake::bake(&device.fastest(), &wanted, &progress)? {
                         Bake::Harmonic(bake) => bake,
-                        _ => bail!(tr("The bake is for the other preset.")),
+                        _ => bail!(tr("The bake is for the other method.")),
                     }
                 };
                 standing.push(Standing {

@@ -70,7 +70,7 @@ impl Project {
         let kind = Kind::Of(id, Work::Load);
         self.start(
             kind,
-            tr("looking from outside"),
+            tr("finding outer surfaces"),
             work,
             move |project, made| {
                 project.take_outside(id, made);

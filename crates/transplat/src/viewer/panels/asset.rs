@@ -112,7 +112,7 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
     }
     let guessed = session.bake_so_far().and_then(|b| b.ambiguous_share());
     ui.horizontal(|ui| {
-        let tip = tr("Marks what is visible from here as the outside of thin sheets. Bakes again.");
+        let tip = tr("Treats everything visible from here as the outside. Bakes again.");
         if button(ui, tr("Use this side as outside"), tip) {
             let eye = navigation::eye(&session.project.pose, session.project.scene_up());
             let object_from_scene = session.object().transform.scene_from_object().inverse();
@@ -138,14 +138,14 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
         if let Some(share) = guessed {
             ui.weak(tr_format!("uncertain {:.1} %", 100.0 * share))
                 .on_hover_text(tr(
-                    "Visible share with uncertain normal orientation; see the channel Confidence.",
+                    "Share of the visible surface whose normals may be flipped.",
                 ));
         }
     });
     if guessed.is_some_and(|share| share > AMBIGUOUS_SHARE) {
         ui.colored_label(
             ui.visuals().warn_fg_color,
-            tr("Much of the normal orientation is uncertain (channel Confidence). Look at the outside and click this."),
+            tr("Many normals may be flipped (channel Confidence). View the outside, then click this."),
         );
     }
 }
@@ -203,9 +203,9 @@ fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
                         .speed(0.01)
                         .prefix(format!("{side} "))
                         .suffix(tr(" radii"));
-                    let response = ui.add(drag).on_hover_text(tr(
-                        "A side of the box, in radii of the object from its centre.",
-                    ));
+                    let response = ui
+                        .add(drag)
+                        .on_hover_text(tr("Box side, in object radii from the centre."));
                     named(
                         &response,
                         egui::Role::SpinButton,
@@ -256,7 +256,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         let row = asset.file.row_of(i).unwrap_or(i);
         ui.label(tr_format!("Gaussian {}", thousands(row)))
-            .on_hover_text(tr("Row in its file, from 0."));
+            .on_hover_text(tr("Index in its file."));
         close = ui.small_button(tr("close")).clicked();
     });
     fact(ui, tr("position"), vector(cloud.positions[i]));
@@ -270,7 +270,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
         let mut normal = vector(bake.normals()[i]);
         for (holds, word) in [
             (bake.is_two_sided(i), tr(", two-sided")),
-            (bake.is_ambiguous(i), tr(", uncertain orientation")),
+            (bake.is_ambiguous(i), tr(", may be flipped")),
         ] {
             normal += if holds { word } else { "" };
         }
@@ -288,12 +288,12 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
         let linear = decode_sh(cloud.sh_of(i), cloud.sh_degree, cloud.encoding);
         fact(
             ui,
-            tr("tau"),
+            tr("Ratio"),
             format!("{:.3}, {:.3}, {:.3}", tau[0], tau[1], tau[2]),
         );
         fact(
             ui,
-            tr("epsilon's share"),
+            tr("Regularized"),
             tr_format!("{:.0} % of the divisor", 100.0 * prepared.epsilon_share(i)),
         );
         let bands: Vec<String> = (0..=cloud.sh_degree)

@@ -13,7 +13,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal_wrapped(|ui| {
         for (name, viewpoint) in navigation::VIEWPOINTS {
             let name = tr(name);
-            if button(ui, name, tr("Looks at the object from there.")) {
+            if button(ui, name, tr("Moves the view to this side.")) {
                 navigation::look_from(&mut viewer.session.project.pose, viewpoint);
             }
         }
@@ -70,10 +70,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
     ui.checkbox(&mut session.overlays.grid, tr("Grid"))
         .on_hover_text(tr("A grid on the ground. (shift + G)"));
-    ui.checkbox(&mut viewer.preferences.probes, tr("Light probes"))
-        .on_hover_text(tr(
-            "A grey and a mirror ball under each light, with its map. (L)",
-        ));
+    ui.checkbox(&mut viewer.preferences.probes, tr("Reference balls"))
+        .on_hover_text(tr("Shows a grey and a mirror ball under each light. (L)"));
 }
 
 /// The cameras of a file that is open.
@@ -88,11 +86,15 @@ fn cameras(ui: &mut Ui, session: &mut Session) {
         name(ui, tr("Camera"));
         let drag = number(&mut at, 1..=count).suffix(tr_format!(" of {count}", count = count));
         let response = ui.add(drag).on_hover_text(tr(
-            "Looks through a camera of the file, its photograph behind the objects.",
+            "Views through an imported camera, with its photo as backplate.",
         ));
         chosen = response.changed();
-        named(&response, egui::Role::SpinButton, tr("Camera of the file"));
-        chosen |= button(ui, tr("Look through"), tr("Returns to this camera."));
+        named(&response, egui::Role::SpinButton, tr("Imported camera"));
+        chosen |= button(
+            ui,
+            tr("View through"),
+            tr("Returns to the imported camera."),
+        );
         ui.weak(picture.unwrap_or_default());
     });
     if chosen {

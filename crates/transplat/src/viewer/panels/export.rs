@@ -43,7 +43,7 @@ fn delit(ui: &mut Ui, viewer: &mut Viewer) {
     let settings = &mut viewer.preferences.export;
     choice(
         ui,
-        tr("Delit as"),
+        tr("Delit colour"),
         tr(
             "Albedo for programs that light splats themselves, or the object under uniform white light.",
         ),
@@ -55,11 +55,12 @@ fn delit(ui: &mut Ui, viewer: &mut Viewer) {
     );
     ui.horizontal(|ui| {
         let mut is_explicit = settings.whitest.is_some();
-        ui.checkbox(&mut is_explicit, tr("Whitest albedo")).on_hover_text(tr("Albedo of the whitest surface. By default it follows from light and images, or is 0.65 where that is implausible."));
+        ui.checkbox(&mut is_explicit, tr("Brightest albedo"))
+            .on_hover_text(tr("Albedo of the brightest surface. Automatic by default."));
         let mut whitest = settings.whitest.unwrap_or(WHITEST_ALBEDO as f32);
         ui.add_enabled_ui(is_explicit, |ui| {
             let drag = ui.add(number(&mut whitest, ALBEDOS).speed(0.005));
-            named(&drag, egui::Role::SpinButton, tr("Whitest albedo"));
+            named(&drag, egui::Role::SpinButton, tr("Brightest albedo"));
         });
         settings.whitest = is_explicit.then_some(whitest);
     });
@@ -81,7 +82,7 @@ fn splat_format(ui: &mut Ui, viewer: &mut Viewer) {
     let text = tr(
         "A PLY keeps every property of the capture. The file name can choose another format: .ply, .compressed.ply, .spz, .sog, .splat, .glb.",
     );
-    choice(ui, tr("Splat as"), text, format, &options);
+    choice(ui, tr("Splat format"), text, format, &options);
     let (Some(format), Some(asset)) = (*format, viewer.session.asset()) else {
         return;
     };
@@ -136,7 +137,7 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
         .on_hover_text(tr("Removes the background; a caught shadow stays."));
     choice(
         ui,
-        tr("Sides"),
+        tr("Before and after"),
         tr("Saves the view as shown, or before and after separately."),
         &mut settings.sides,
         &[
@@ -208,9 +209,9 @@ fn tasks(ui: &mut Ui) -> Option<Task> {
 fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
-        name(ui, tr("Rotate"));
+        name(ui, tr("Orbit"));
         let drag = number(&mut settings.frames, 2..=10_000).suffix(tr(" frames"));
-        let response = ui.add(drag).on_hover_text(tr("Frames of a whole turn."));
+        let response = ui.add(drag).on_hover_text(tr("Frames of a full turn."));
         named(&response, egui::Role::SpinButton, tr("Turntable frames"));
         ui.selectable_value(&mut settings.turn, Turn::Camera, tr("camera"))
             .on_hover_text(tr("The camera orbits the object."));
@@ -229,7 +230,7 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
     };
     choice(
         ui,
-        tr("Saved as"),
+        tr("Output"),
         tr("Numbered images in the format above, or a video. WebM and WebP can be transparent."),
         &mut settings.video,
         formats,
@@ -245,7 +246,7 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
     }
     let mut task = None;
     ui.horizontal(|ui| {
-        if button(ui, tr("Save turntable"), tr("A whole turn.")) {
+        if button(ui, tr("Save turntable"), tr("Saves a full turn.")) {
             task = Some(Task::Turntable);
         }
         let has_keys = viewer.session.project.scene.animation.keys.len() > 1;

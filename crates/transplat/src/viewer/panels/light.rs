@@ -86,7 +86,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     angle(
         ui,
         tr("Tilt"),
-        tr("Tilts the light: a low sun rises."),
+        tr("Tilts the light up or down."),
         &mut settings.tilt,
     );
     Control {
@@ -132,7 +132,7 @@ fn suns(ui: &mut Ui, session: &mut Session) {
     let tip = tr(
         "Turns the suns of the environment into placed lights that you can edit. The sky stays.",
     );
-    if button(ui, tr("Convert sun to light"), tip) {
+    if button(ui, tr("Convert suns to lights"), tip) {
         session.take_out_suns();
     }
 }
@@ -155,14 +155,12 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
         let locked = &mut viewer.viewport.light_locked_to_camera;
         let response = ui
             .horizontal(|ui| {
-                name(ui, tr("Locked to"));
+                name(ui, tr("Attach to"));
                 let world = ui.selectable_value(locked, false, tr("world"));
                 world | ui.selectable_value(locked, true, tr("camera"))
             })
             .inner;
-        response.on_hover_text(tr(
-            "Rotates the light with the camera, as if the object turned.",
-        ));
+        response.on_hover_text(tr("Rotates the light with the camera."));
     }
     if side == TARGET && light.is_file() {
         suns(ui, session);
@@ -190,7 +188,7 @@ fn sky(ui: &mut Ui, session: &mut Session) {
     let [azimuth, elevation] = sky.sun.angles();
     let mut is_of_place = matches!(sky.sun, Sun::Of(_));
     let ways = [(tr("Manual"), false), (tr("By date and location"), true)];
-    let tip = tr("Sun by angles, or by date and location. North is +y.");
+    let tip = tr("Sets the sun by angles, or by date and location (+Y is north).");
     if choice(ui, tr("Sun"), tip, &mut is_of_place, &ways) {
         sky.sun = match is_of_place {
             true => Sun::SOMEWHERE,
@@ -216,7 +214,7 @@ fn sky(ui: &mut Ui, session: &mut Session) {
                 true => tr_format!("{:.0}° below the horizon", -elevation),
                 false => tr_format!("{elevation:.0}° above the horizon", elevation = elevation),
             };
-            fact(ui, tr("the sun stands"), stands);
+            fact(ui, tr("sun"), stands);
         }
     }
     Control {
@@ -234,7 +232,7 @@ fn sky(ui: &mut Ui, session: &mut Session) {
     }
     .show(ui, &mut sky.ground_albedo);
     ui.checkbox(&mut sky.sun_shines, tr("Sun"))
-        .on_hover_text(tr("Off, only the sky lights the object."));
+        .on_hover_text(tr("Adds the sun to the sky."));
     let environment = &mut session.project.scene.environment;
     if environment.sky != Some(sky) && environment.sky() != Some(sky) {
         environment.sky = Some(sky);
@@ -356,8 +354,8 @@ fn other_sources(ui: &mut Ui, session: &mut Session) {
         if !(is_wished && is_there) && button(ui, tr("Estimate from the object"), tip) {
             session.ask_for_estimate();
         }
-        let tip = tr("Takes the capture light as a uniform white sky. The full new shading is applied to the captured colour.");
-        if !even && button(ui, tr("Assume uniform white"), tip) {
+        let tip = tr("Treats the capture light as uniform white. Captured shading stays under the new light.");
+        if !even && button(ui, tr("Use uniform white"), tip) {
             session.set_light(SOURCE, EVEN.into());
         }
     });
@@ -374,7 +372,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     ui.label(match estimate {
         _ if is_on_its_way(session) => tr("Unknown: being estimated from the object."),
         Some(estimate) if estimate.is_good() => tr("Estimated from the object."),
-        Some(_) => tr("Unknown, and the object does not show it."),
+        Some(_) => tr("Could not be estimated from this object."),
         None if session.object().source.is_estimate() => tr("Unknown."),
         None => tr("Unknown: uniform white is assumed."),
     });
@@ -401,7 +399,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
                     tr("none found")
                 };
                 fact(ui, tr("sun"), sun);
-                ui.weak(tr("Strength and tint are assumed. Set them below."));
+                ui.weak(tr("Strength and tint are guesses. Adjust them below."));
             }
         }
     }

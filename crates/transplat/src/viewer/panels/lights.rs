@@ -99,7 +99,7 @@ fn rigs(ui: &mut Ui, viewer: &mut Viewer) {
         ask(&mut viewer.session, dialog);
     }
     ui.add_enabled_ui(!viewer.session.project.scene.lights.is_empty(), |ui| {
-        if entry(ui, tr("Save lights…")) {
+        if entry(ui, tr("Save rig…")) {
             let dialog = Dialog::Save(SaveKind::Rig, "rig.json".into());
             ask(&mut viewer.session, dialog);
         }
@@ -186,13 +186,13 @@ fn how_bright(ui: &mut Ui, light: &mut Light) {
     Control {
         label: tr("Strength"),
         unit: tr(" stops"),
-        tip: tr("Strength of the light, on top of its emission."),
+        tip: tr("Strength in stops, on top of the power."),
         decimals: 2,
         ..Control::of(-8.0..=8.0, 0.0)
     }
     .show(ui, &mut light.strength);
     ui.horizontal(|ui| {
-        name(ui, tr("Emits"));
+        name(ui, tr("Power"));
         let unit = light.source.kind().unit();
         let emission = light.source.emission_mut();
         let most = emission.iter().copied().fold(0.0, f32::max);
@@ -202,10 +202,10 @@ fn how_bright(ui: &mut Ui, light: &mut Light) {
             .speed(speed)
             .max_decimals(4)
             .suffix(format!(" {unit}"));
-        let drag = ui.add(drag).on_hover_text(tr(
-            "Irradiance of a sun, intensity of a point or spot, radiance of an area light.",
-        ));
-        named(&drag, Role::SpinButton, tr("Emits"));
+        let drag = ui
+            .add(drag)
+            .on_hover_text(tr("Power of the light, before its strength."));
+        named(&drag, Role::SpinButton, tr("Power"));
         if drag.changed() && shown != most {
             *emission = if most > 0.0 {
                 emission.map(|e| e * (shown / most))
@@ -429,5 +429,5 @@ fn fixed_to(ui: &mut Ui, session: &mut Session, at: usize) {
     options.extend(each.map(|(of, called)| (called.as_str(), FixedTo::Object(of))));
     let tip = tr("Moves the light along with the camera or an object.");
     let light = &mut session.project.scene.lights[at];
-    choice(ui, tr("Fixed to"), tip, &mut light.fixed_to, &options);
+    choice(ui, tr("Attach to"), tip, &mut light.fixed_to, &options);
 }

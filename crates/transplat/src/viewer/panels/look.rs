@@ -153,8 +153,10 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         Background::Checker | Background::Transparent => {}
     }
     let scene = &mut viewer.session.project.scene;
-    ui.checkbox(&mut scene.shadow_catcher, tr("Shadow on the ground"))
-        .on_hover_text(tr("Shadow catcher under the object, also in saved images."));
+    ui.checkbox(&mut scene.shadow_catcher, tr("Shadow catcher"))
+        .on_hover_text(tr(
+            "Catches the object's shadow on the ground, also in saved images.",
+        ));
 }
 
 /// The photograph behind the objects.
@@ -162,7 +164,7 @@ fn plate(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         let file = viewer.session.project.scene.plate.as_ref();
         let name = file.map_or(tr("none yet").into(), |file| file_name(file));
-        let tip = tr("Photograph behind the objects. For its camera, drop a transforms.json or a COLMAP folder on the window.");
+        let tip = tr("Photo behind the objects. Drop its transforms.json or COLMAP folder to match the camera.");
         if button(ui, tr("Backplate…"), tip) {
             ask(
                 &mut viewer.session,

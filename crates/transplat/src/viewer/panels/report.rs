@@ -81,7 +81,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
         .is_running(Kind::Of(session.state().id, Work::Measure));
     let can_measure = session.asset().is_some() && !is_running;
     let button = ui.add_enabled(can_measure, Button::new(tr("Measure this object")));
-    let button = button.on_hover_text(tr("Measures run time and error of each preset, SH degree and term on this object. Takes minutes."));
+    let button = button.on_hover_text(tr("Measures run time and error of each method, SH degree and term on this object. Takes minutes."));
     if button.clicked() {
         session.measure();
     }
@@ -96,7 +96,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             if i == 0 {
                 ui.strong(tr("setting"));
                 ui.strong(tr("new light"));
-                ui.strong(tr("PSNR")).on_hover_text(tr("PSNR against the preset in 64 bits at full quality, on a thinned object. Do not compare it between presets."));
+                ui.strong(tr("PSNR")).on_hover_text(tr("PSNR against the method in 64 bits at full quality, on a thinned object. Do not compare it between methods."));
                 ui.end_row();
             }
             let name = if point.setting.is_default {
@@ -125,7 +125,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
     });
     if points().next().is_some() {
         ui.weak(tr(
-            "PSNR against the same preset computed in full, not against the truth.",
+            "PSNR against the same method computed in full, not against the truth.",
         ));
     }
     for line in session.measured().into_iter().flat_map(|m| &m.words) {
@@ -151,7 +151,7 @@ fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
         ui.weak(line);
     }
     if !session.extremes.is_empty() {
-        ui.weak(tr("Runs extreme lights and geometry with either preset. transplat report --extremes lists them."));
+        ui.weak(tr("Runs extreme lights and geometry with both methods. transplat report --extremes lists them."));
     }
 }
 

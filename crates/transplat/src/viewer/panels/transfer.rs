@@ -43,7 +43,7 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
     let mut epsilon = transfer.epsilon();
     Control {
         label: tr("Regularization"),
-        tip: tr("Epsilon, relative to the mean irradiance of the capture light. More is calmer in dark areas and relights less."),
+        tip: tr("Reduces noise in areas the capture light barely reached (epsilon). Higher relights less."),
         decimals: 6,
         logarithmic: true,
         ..Control::of(EPSILON, method.epsilon())
@@ -68,7 +68,7 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
     let terms = &mut transfer.terms;
     ui.checkbox(&mut terms.sums, tr("Directional integration"))
         .on_hover_text(tr(
-            "Integrates light over directions by quadrature. Off, by an SH product.",
+            "Integrates light over many directions. Off, by spherical harmonics: softer and faster.",
         ));
     ui.checkbox(&mut terms.suns, tr("Suns"))
         .on_hover_text(tr("Extracts suns from the environment, for crisp shadows."));
@@ -83,9 +83,7 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
             "Highlights and reflections, as far as the capture shows them.",
         ));
     ui.checkbox(&mut terms.residual, tr("Residual"))
-        .on_hover_text(tr(
-            "Keeps the residual of the capture that no other term explains.",
-        ));
+        .on_hover_text(tr("Keeps captured detail that no other term explains."));
     ui.checkbox(&mut terms.emission, tr("Emission"))
         .on_hover_text(tr(
             "Keeps lamps and screens as bright as captured. Off, they are relit like paint.",
@@ -108,10 +106,10 @@ fn harmonic_terms(ui: &mut Ui, terms: &mut Terms) {
     ui.indent("specular terms", |ui| {
         ui.add_enabled_ui(terms.specular, |ui| {
             ui.checkbox(&mut terms.reflection, tr("Reflection"))
-                .on_hover_text(tr("Mirrors highlights about the normal."));
+                .on_hover_text(tr("Aligns highlights with the reflected direction."));
             ui.checkbox(&mut terms.attenuation, tr("Attenuation"))
                 .on_hover_text(tr(
-                    "Damps each SH band as the capture shows it. Off, every surface mirrors.",
+                    "Limits reflections to what the capture shows. Off, everything is glossy.",
                 ));
         });
     });
