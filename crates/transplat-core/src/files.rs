@@ -32,7 +32,7 @@ pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake, save_bake};
 pub use cameras::{CameraFile, CameraFrame, cameras_of_training, load_cameras};
 pub use estimate::{load_estimate, save_estimate};
 pub use format::SplatFormat;
-pub use gltf::percent_decoded;
+pub use gltf::{percent_decoded, percent_encoded};
 pub use image::{
     image_size, load_backplate, load_environment, load_environment_as, load_image, load_picture,
 };

@@ -127,7 +127,14 @@ fn cache_folder() -> Option<PathBuf> {
 }
 
 fn is_cached(file: &Path) -> bool {
-    cache_folder().is_some_and(|folder| file.starts_with(folder))
+    has_key(file) && file.parent() == cache_folder().as_deref()
+}
+
+/// True for the name of a file of the cache; one of the user's own is called otherwise.
+fn has_key(file: &Path) -> bool {
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let key = name.split('.').next().unwrap_or_default();
+    key.len() == 16 && key.chars().all(|c| c.is_ascii_hexdigit())
 }
 
 fn cached_file(cloud: &SurfelCloud, suffix: &str) -> Option<PathBuf> {
@@ -143,7 +150,7 @@ fn forget_old_bakes(newest: &Path) {
     let entries = newest
         .parent()
         .and_then(|folder| std::fs::read_dir(folder).ok());
-    let is_bake = |path: &PathBuf| path.extension().is_some_and(|e| e == "bake");
+    let is_bake = |path: &PathBuf| has_key(path) && path.extension().is_some_and(|e| e == "bake");
     let files = entries.into_iter().flatten().flatten().map(|e| e.path());
     let known = |path: PathBuf| {
         let told = path.metadata().ok()?;
@@ -452,16 +459,19 @@ mod tests {
             file.set_modified(then).expect("a time");
             path
         };
-        let other = made("1.best.light", MOST_CACHED, 900);
-        let oldest = made("1.best.bake", MOST_CACHED / 2, 300);
-        let kept = made("2.part.best.bake", MOST_CACHED / 2, 200);
-        let newest = made("3.best.bake", MOST_CACHED / 2, 100);
+        let key = "0123456789abcde";
+        let cached = |name: &str, bytes, age| made(&format!("{key}{name}"), bytes, age);
+        let own = made("vase.bake", MOST_CACHED, 1000);
+        let other = cached("0.best.light", MOST_CACHED, 900);
+        let oldest = cached("1.best.bake", MOST_CACHED / 2, 300);
+        let kept = cached("2.part.best.bake", MOST_CACHED / 2, 200);
+        let newest = cached("3.best.bake", MOST_CACHED / 2, 100);
         forget_old_bakes(&newest);
         assert!(!oldest.exists());
-        assert!(kept.exists() && newest.exists() && other.exists());
+        assert!(kept.exists() && newest.exists() && other.exists() && own.exists());
     }
 
-    /// What one place has is read where the other is preferred.
+    /// Both places are read, the preferred one first.
     #[test]
     fn a_place_names_the_cache_first_unless_it_is_beside_the_splat() {
         let cloud = synthetic::sphere_over_plate(50);

@@ -20,13 +20,10 @@ pub fn bundled(name: &str) -> Option<PathBuf> {
         .map(|path| path.canonicalize().unwrap_or(path))
 }
 
-/// First page of the manual: of a package, or in the sources as built by `cargo xtask docs`, or else as written.
+/// First page of the manual: of a package, or in the sources as built by `cargo xtask docs`.
 pub fn manual() -> Option<PathBuf> {
-    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let pages = ["target/manual/index.html", "docs/guide/first-minute.md"];
-    let in_sources = pages.map(|page| sources.join(page));
-    let page = bundled("manual/index.html");
-    page.or_else(|| in_sources.into_iter().find(|page| page.exists()))
+    let built = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/manual/index.html");
+    bundled("manual/index.html").or_else(|| built.canonicalize().ok())
 }
 
 /// True for a folder of what comes with the program.

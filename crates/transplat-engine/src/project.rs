@@ -53,8 +53,8 @@ pub type Change = Box<dyn FnOnce(&mut Project) + Send>;
 pub enum Notice {
     /// A message.
     Info(String),
-    /// A message that offers to mend what it says.
-    Offer(String, Mend),
+    /// A message about the object of this number that offers a remedy.
+    Offer(String, usize, Remedy),
     /// An error: what failed, why, and what to do.
     Error(String),
     /// A file was opened and is good.
@@ -69,30 +69,30 @@ pub enum Notice {
     Removed(usize),
 }
 
-/// Action that a message offers, of an object by its number.
+/// Action that a message about an object offers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mend {
-    /// Hides the surroundings of an object.
-    Crop(usize),
+pub enum Remedy {
+    /// Hides the surroundings of the object.
+    Crop,
     /// Leaves the new light as strong as it is.
     KeepStrength,
-    /// Gives an object the scale of its file.
-    ResetScale(usize),
-    /// Lets an object be moved and removed.
-    Unlock(usize),
-    /// Estimates the capture light of an object again.
-    Estimate(usize),
+    /// Gives the object the scale of its file.
+    ResetScale,
+    /// Lets the object be moved and removed.
+    Unlock,
+    /// Estimates the capture light of the object again.
+    Estimate,
 }
 
-impl Mend {
+impl Remedy {
     /// Label of the button.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Crop(_) => tr("Crop to the object"),
+            Self::Crop => tr("Crop to the object"),
             Self::KeepStrength => tr("Turn off"),
-            Self::ResetScale(_) => tr("Keep its scale"),
-            Self::Unlock(_) => tr("Unlock"),
-            Self::Estimate(_) => tr("Estimate again"),
+            Self::ResetScale => tr("Keep its scale"),
+            Self::Unlock => tr("Unlock"),
+            Self::Estimate => tr("Estimate again"),
         }
     }
 }
@@ -348,28 +348,31 @@ impl Project {
         self.notices.push(Notice::Info(text.into()));
     }
 
-    /// Leaves a message to the client that offers to mend what it says.
-    pub fn offer(&mut self, text: impl Into<String>, mend: Mend) {
-        self.notices.push(Notice::Offer(text.into(), mend));
+    /// Leaves a message about an object to the client that offers a remedy.
+    pub fn offer(&mut self, text: impl Into<String>, at: usize, remedy: Remedy) {
+        self.notices.push(Notice::Offer(text.into(), at, remedy));
     }
 
-    /// Does what a message offered.
-    pub fn mend(&mut self, mend: Mend) {
-        match mend {
-            Mend::Crop(at) => {
-                let proposed = self
-                    .states
-                    .get(at)
-                    .and_then(|s| s.asset.as_ref()?.proposed_crop);
-                if let Some([low, high]) = proposed {
-                    let hide = &mut self.scene.objects[at].hide;
-                    (hide.crop, hide.crop_min, hide.crop_max) = (true, low, high);
-                }
+    /// Does what a message about an object offered.
+    pub fn apply_remedy(&mut self, at: usize, remedy: Remedy) {
+        match remedy {
+            Remedy::Crop => self.crop_to_object(at),
+            Remedy::KeepStrength => {
+                self.scene.match_strength = false;
+                self.matches_by_itself = false;
             }
-            Mend::KeepStrength => self.scene.match_strength = false,
-            Mend::ResetScale(at) => self.scale_about_middle(at, 1.0),
-            Mend::Unlock(at) => self.scene.objects[at].locked = false,
-            Mend::Estimate(at) => self.estimate_again(at),
+            Remedy::ResetScale => self.scale_about_middle(at, 1.0),
+            Remedy::Unlock => self.scene.objects[at].locked = false,
+            Remedy::Estimate => self.estimate_again(at),
+        }
+    }
+
+    /// Hides what lies around an object in its capture, where that was found.
+    pub fn crop_to_object(&mut self, at: usize) {
+        let proposed = self.states[at].asset.as_ref().and_then(|a| a.proposed_crop);
+        if let Some([low, high]) = proposed {
+            let hide = &mut self.scene.objects[at].hide;
+            (hide.crop, hide.crop_min, hide.crop_max) = (true, low, high);
         }
     }
 

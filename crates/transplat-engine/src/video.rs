@@ -4,7 +4,6 @@ use std::fs::File;
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::OnceLock;
 
 use anyhow::{Context as _, Result, anyhow, bail};
 use serde::{Deserialize, Serialize};
@@ -104,15 +103,11 @@ pub struct VideoEncoder {
     size: [usize; 2],
 }
 
-/// True where the program ffmpeg can be started; asked once.
+/// True where the program ffmpeg is found.
 pub fn has_ffmpeg() -> bool {
-    static FOUND: OnceLock<bool> = OnceLock::new();
-    *FOUND.get_or_init(|| {
-        let mut asked = Command::new("ffmpeg");
-        let asked = asked.arg("-version").stdin(Stdio::null());
-        let status = asked.stdout(Stdio::null()).stderr(Stdio::null()).status();
-        status.is_ok_and(|status| status.success())
-    })
+    let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&folders).any(|folder| folder.join(&name).is_file())
 }
 
 impl VideoEncoder {

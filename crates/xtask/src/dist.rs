@@ -107,6 +107,9 @@ fn checksums(files: &[String]) -> Outcome {
         .current_dir(root().join(OUT))
         .output()
         .map_err(|e| format!("sha256sum could not be started: {e}"))?;
+    if !sums.status.success() {
+        return Err(format!("sha256sum failed: {}", sums.status));
+    }
     let text = String::from_utf8(sums.stdout).map_err(|e| e.to_string())?;
     write(&root().join(OUT).join("SHA256SUMS"), &text)
 }
@@ -180,6 +183,10 @@ fn deb(tree: &Path, version: &str, time: &str) -> Result<String, String> {
     let packed = root().join(OUT).join("deb");
     fs::create_dir_all(packed.join("DEBIAN")).map_err(|e| e.to_string())?;
     copy_folder(tree, &packed.join("usr"))?;
+    // Debian's zsh looks there.
+    let zsh = packed.join("usr/share/zsh");
+    fs::rename(zsh.join("site-functions"), zsh.join("vendor-completions"))
+        .map_err(|e| format!("{}: {e}", zsh.display()))?;
     let libraries = WINDOW.iter().map(|(package, _)| (*package).to_owned());
     let depends: Vec<String> = [
         format!("libc6 (>= {})", needed_glibc(&tree.join("bin/transplat"))?),
@@ -256,7 +263,7 @@ fn glibc_versions(bytes: &[u8]) -> impl Iterator<Item = (u32, u32)> {
 
 /// Licences of all crates that are linked in, each text once, by cargo-about.
 fn licences() -> Result<String, String> {
-    let about = tool("cargo-about", "--features cli")?;
+    let about = tool("cargo-about", "0.9.3", "--features cli")?;
     let about = about.display().to_string();
     let template = "crates/xtask/package/about.hbs";
     let line = [
@@ -331,7 +338,8 @@ fn output(program: &str, arguments: &[&str]) -> Result<String, String> {
         .output()
         .map_err(|e| format!("{program} could not be started: {e}"))?;
     if !output.status.success() {
-        return Err(format!("{program} failed: {}", output.status));
+        let why = String::from_utf8_lossy(&output.stderr);
+        return Err(format!("{program} failed: {}\n{why}", output.status));
     }
     String::from_utf8(output.stdout).map_err(|e| e.to_string())
 }

@@ -697,7 +697,7 @@ fn a_splat_that_is_opened_among_others_is_asked_about() {
     assert!(in_world(&mut d, 0, Vec3::Z).dot(last) > 0.999);
 }
 
-/// G moves the object with the pointer: a click ends it, Esc puts the object back, and one undo takes all of it back.
+/// G moves the object with the pointer: a click ends it, and Esc puts the object back.
 #[test]
 fn an_object_follows_the_pointer_after_a_key() {
     let mut d = ball_over_plate();

@@ -187,7 +187,7 @@ fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was(
     d.viewer().open(&path);
     // What is told goes again after some seconds.
     let (start, mut told) = (Instant::now(), String::new());
-    while !(told.contains("Set upright") && told.contains("strength of the capture")) {
+    while !(told.contains("Up axis set") && told.contains("strength of the capture")) {
         d.harness.step();
         let messages = d.viewer().session.messages.iter();
         told = messages.map(|m| m.text.clone()).collect();

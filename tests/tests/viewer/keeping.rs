@@ -235,7 +235,7 @@ fn history_goes_back_to_any_step() {
     assert_eq!(d.viewer().session.project.scene, start);
 }
 
-/// What a menu entry discards is asked about, and can be had back, its looks too.
+/// A menu entry asks before it discards work, which can be had back, its looks too.
 #[test]
 fn discarded_work_comes_back_from_an_autosave() {
     let folder = Folder::empty();
@@ -246,10 +246,13 @@ fn discarded_work_comes_back_from_an_autosave() {
         ..Startup::default()
     };
     let mut d = Driver::open(startup, folder);
-    // Nothing is changed yet: nothing is asked.
-    d.click("File");
-    d.harness.get_by_label("Revert");
-    assert!(d.harness.query_by_label("Discard").is_none());
+    // Nothing is changed yet: nothing is asked. A light beside it is a change.
+    let path = d.folder.path("small.ply");
+    d.harness.key_press_modifiers(Modifiers::CTRL, Key::N);
+    d.settle();
+    assert!(d.viewer().session.asset().is_none());
+    d.after(|v| v.open(&path));
+    assert!(d.viewer().session.asset().is_some());
     d.after(|v| {
         v.session.project.scene.environment.rotation = 70.0;
         v.session.project.keep_look();
@@ -274,7 +277,11 @@ fn discarded_work_comes_back_from_an_autosave() {
     let mut again = Driver::open(startup, folder);
     again.click("File");
     again.click("Autosaves");
-    again.click("small, just now");
+    // The newest is the first.
+    let mut autosaves = again.harness.get_all_by_label("small, just now");
+    autosaves.next().expect("an autosave").click();
+    drop(autosaves);
+    again.settle();
     let back = &again.viewer().session.project.scene;
     assert_eq!(back.environment.rotation, 70.0);
     assert_eq!(back.variants.len(), 1);
@@ -297,7 +304,7 @@ fn a_document_is_saved_and_reverted() {
     d.after(|v| v.session.project.scene.display.exposure = -1.0);
     d.click("File");
     d.click("Revert");
-    d.click("Discard");
+    d.click("Revert");
     assert_eq!(d.viewer().session.project.scene.display.exposure, 1.0);
     assert_eq!(exposure(&path), 1.0);
 }

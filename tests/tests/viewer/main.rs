@@ -437,10 +437,20 @@ fn the_work_of_last_time_comes_back() {
     let mut d = Driver::open(started(&[]), Folder::empty());
     let mut messages = d.viewer().session.messages.iter();
     assert!(messages.any(|m| m.is_error && m.text.contains("small.ply")));
+    // It is an autosave then, and is not written over.
     d.after(|v| v.session.project.scene.environment.rotation = 10.0);
     d.viewer().keep_work();
-    let kept = transplat_core::files::load_look(&work).expect("it stays");
-    assert!((kept.environment.rotation - 70.0).abs() < 1e-6);
+    let folder = fs::read_dir(work.parent().expect("a folder")).expect("it is there");
+    let rotations: Vec<f64> = folder
+        .flatten()
+        .filter(|file| file.path() != work)
+        .filter_map(|file| transplat_core::files::load_look(&file.path()).ok())
+        .map(|look| look.environment.rotation)
+        .collect();
+    assert!(
+        rotations.iter().any(|r| (r - 70.0).abs() < 1e-6),
+        "{rotations:?}"
+    );
 }
 
 #[test]

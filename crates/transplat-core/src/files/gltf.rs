@@ -251,6 +251,19 @@ pub fn percent_decoded(uri: &str) -> String {
     String::from_utf8(bytes).unwrap_or_else(|_| uri.to_owned())
 }
 
+/// A path as a part of a URI: all but letters, digits and `-._~/` as percent codes (RFC 3986).
+pub fn percent_encoded(path: &Path) -> String {
+    let plain = |b: u8| b.is_ascii_alphanumeric() || b"-._~/".contains(&b);
+    let mut out = String::new();
+    for byte in path.as_os_str().as_encoded_bytes() {
+        match plain(*byte) {
+            true => out.push(char::from(*byte)),
+            false => out += &format!("%{byte:02X}"),
+        }
+    }
+    out
+}
+
 fn read_document(path: &Path, document: &Document, buffers: &[Cow<'_, [u8]>]) -> Result<Finished> {
     let invalid = |message: String| Error::invalid(path, message);
     let mut placed = Vec::new();

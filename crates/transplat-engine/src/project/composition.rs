@@ -1,6 +1,6 @@
 //! Composition of a scene: objects added, duplicated, cut out, removed, and dropped to the ground.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::{Quat, Vec3};
 use transplat_core::camera::Camera;
@@ -12,7 +12,7 @@ use transplat_core::surfels::{Bounds, SurfelFilter, UpAxis};
 
 use crate::language::{tr, tr_format};
 use crate::names::{distinct_names, name_of};
-use crate::project::{Mend, Notice, Project};
+use crate::project::{Notice, Project, Remedy};
 use crate::splat::OpenedWith;
 
 /// Where an object stands on the surface below it, a robust highest point counts: that share of the surfels may stick out.
@@ -79,13 +79,16 @@ impl Project {
     }
 
     /// Where an object is that a splat is opened in the place of, in a scene of several.
-    pub(crate) fn replaced(&self, at: usize, opened_with: &OpenedWith) -> Option<Bounds> {
+    pub(crate) fn replaced(
+        &self,
+        at: usize,
+        opened: &Path,
+        opened_with: &OpenedWith,
+    ) -> Option<Bounds> {
         let is_opened = matches!(opened_with, OpenedWith::Object(..));
         let is_one_of_several = is_opened && self.scene.objects.len() > 1;
-        let asset = self.states[at]
-            .asset
-            .as_ref()
-            .filter(|_| is_one_of_several)?;
+        let asset = self.states[at].asset.as_ref();
+        let asset = asset.filter(|last| is_one_of_several && last.path != opened)?;
         let transform = self.scene.objects[at].transform;
         Some(asset.bounds.transformed(transform.scene_from_object()))
     }
@@ -110,10 +113,13 @@ impl Project {
             &last,
         );
         if at == 0 {
+            // The scene's own coordinates are its.
             self.keep_upright(scene_up);
+            self.scene.objects[0].transform.rotation = Quat::IDENTITY;
+        } else {
+            self.stand_upright(at);
+            self.drop_to_ground(at);
         }
-        self.stand_upright(at);
-        self.drop_to_ground(at);
     }
 
     /// Turns what stands in the scene along, where another object has become the first and with it another axis is up: it stays as it stands
@@ -152,10 +158,15 @@ impl Project {
             return;
         };
         let own = self.in_the_same_units(at, own, &all);
+        let up = self.scene_up();
         if own.radius < small * all.radius {
+            // Onto what the camera looks at, not into it.
+            let up = up.direction();
+            let above = all.center.dot(up) + all.radius + own.radius;
+            self.scene.objects[at].transform.translation += (above - own.center.dot(up)) * up;
+            self.drop_to_ground(at);
             return;
         }
-        let up = self.scene_up();
         let camera = Camera::from_pose(&self.pose, up, [100, 100], all.radius);
         let right = camera.view_from_world.row(0);
         let level = (right - right.dot(up.direction()) * up.direction()).normalize_or(right);
@@ -195,7 +206,7 @@ impl Project {
                 times = times
             )
         };
-        self.offer(text, Mend::ResetScale(at));
+        self.offer(text, at, Remedy::ResetScale);
         Bounds {
             radius: factor * own.radius,
             ..own
@@ -337,7 +348,7 @@ impl Project {
         if self.scene.objects[at].locked {
             let called = self.called(at);
             let text = tr_format!("{called} is locked and stays.", called = called);
-            self.offer(text, Mend::Unlock(at));
+            self.offer(text, at, Remedy::Unlock);
             return;
         }
         self.remove(at);

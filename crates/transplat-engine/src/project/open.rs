@@ -20,7 +20,7 @@ use crate::language::{tr, tr_format};
 use crate::object::ObjectState;
 use crate::project::canvas::Canvas;
 use crate::project::stages::DROP_IT;
-use crate::project::{Mend, Notice, OpenCameras, Project};
+use crate::project::{Notice, OpenCameras, Project, Remedy};
 use crate::splat::{OpenedWith, Splat, name_of, reading_of, told};
 use crate::words::of_error;
 
@@ -276,7 +276,7 @@ impl Project {
         for warning in asset.warnings.clone() {
             self.info(warning);
         }
-        let replaced = self.replaced(at, &opened_with);
+        let replaced = self.replaced(at, &asset.path, &opened_with);
         let scene_up = self.scene_up();
         let object = &mut self.scene.objects[at];
         let is_unset = match &opened_with {
@@ -385,14 +385,14 @@ impl Project {
         }
         if asset.proposed_crop.is_some() && self.scene.objects[at].hide.is_off() {
             let text = tr("The capture has surroundings around the object.");
-            self.offer(text, Mend::Crop(at));
+            self.offer(text, at, Remedy::Crop);
         }
         let is_unknown = self.scene.objects[at].source.is_estimate();
         if is_unknown && self.scene.objects.len() == 1 && !self.scene.match_strength {
             self.scene.match_strength = true;
             self.matches_by_itself = true;
             let text = tr("The strength of the capture light is unknown, so Match exposure is on.");
-            self.offer(text, Mend::KeepStrength);
+            self.offer(text, at, Remedy::KeepStrength);
         }
     }
 

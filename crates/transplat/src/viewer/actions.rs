@@ -23,6 +23,7 @@ impl Viewer {
             || self.shown.path_field.is_some()
             || self.question.is_some()
             || self.quitting.is_some()
+            || self.viewport.is_transforming()
             // What is typed while the desktop's dialog comes is for that.
             || self.session.jobs.is_running(Kind::Dialog)
         {
@@ -81,9 +82,12 @@ impl Viewer {
         }
     }
 
-    /// Looks from a side, turns or frames by the digits, as Blender does by the numeric keypad. The system tells them from the other digits
-    /// only where NumLock is off.
+    /// Looks from a side, turns or frames by the digits, as Blender does by the numeric keypad.
     fn numpad_keys(&mut self, context: &egui::Context) {
+        // Those are lights.
+        if context.input(|i| i.modifiers.alt) {
+            return;
+        }
         let pose = &mut self.session.project.pose;
         let mut frames = false;
         context.input_mut(|i| {
@@ -127,8 +131,8 @@ impl Viewer {
             Action::Open => ask(session, Dialog::Open),
             Action::OpenFolder => ask(session, Dialog::OpenFolder),
             Action::New => self.replace_scene(NextScene::Empty),
-            Action::SaveLook => self.save_document(None),
-            Action::SaveLookAs => {
+            Action::Save => self.save_document(None),
+            Action::SaveAs => {
                 self.document.next = None;
                 self.ask_where(SaveKind::Look, "json");
             }
@@ -207,12 +211,19 @@ impl Viewer {
             (Answer::Overwrite, Question::Overwrite(path, kind)) => self.save_to(&path, kind, true),
             (Answer::Save, Question::Discard(next)) => self.save_document(Some(next)),
             (Answer::Discard, Question::Discard(next)) => self.show_next(next),
+            (Answer::Discard, Question::Revert(path)) => self.show_next(NextScene::Look(path)),
             (Answer::Add, Question::AddOrReplace(path)) => self.session.project.add_object(path),
             (Answer::Replace, Question::AddOrReplace(path)) => {
-                self.autosave();
-                self.session.project.replace_object(selected, path);
+                if self.autosave() {
+                    self.session.project.replace_object(selected, path);
+                }
             }
-            _ => {}
+            // What came with it is not opened either.
+            _ => {
+                self.to_add.clear();
+                self.to_open.clear();
+                self.document.next = None;
+            }
         }
     }
 

@@ -37,13 +37,9 @@ use transplat_engine::splat::OpenedWith;
 use transplat_engine::words::of_error;
 use transplat_eval::savings::Saved;
 
-/// True for a look that comes with its splats.
+/// True for a look that names its splats.
 fn has_objects(scene: &Scene) -> bool {
-    let mut assets = scene
-        .objects
-        .iter()
-        .filter_map(|object| object.asset.as_ref());
-    assets.any(|asset| asset.exists())
+    scene.objects.iter().any(|object| object.asset.is_some())
 }
 
 /// Where the preferences are kept.
@@ -122,6 +118,8 @@ pub struct Viewer {
     pub(super) dropped_at: f64,
     /// Splats that were opened with another one, to be put beside it once that is there.
     pub(super) to_add: Vec<PathBuf>,
+    /// Files that wait for a question or for a scene that is opened.
+    pub(super) to_open: Vec<PathBuf>,
     pub(super) clipboard: Option<arboard::Clipboard>,
     pub(super) lost: bool,
     pub(super) quitting: Option<Quitting>,
@@ -148,8 +146,10 @@ pub struct Viewer {
     pub(super) title: String,
     /// True where no settings of an earlier start were found.
     is_first_start: bool,
+    /// When there is to be a frame at the latest, so that the work is kept.
+    pub(super) keeps_at: Option<Instant>,
     /// True once the window was fitted to the screen.
-    fits_screen: bool,
+    is_fitted: bool,
 }
 
 impl Viewer {
@@ -205,6 +205,7 @@ impl Viewer {
             dropped: Vec::new(),
             dropped_at: 0.0,
             to_add: Vec::new(),
+            to_open: Vec::new(),
             clipboard: None,
             lost: false,
             quitting: None,
@@ -223,7 +224,8 @@ impl Viewer {
             fatal: startup.fatal.clone(),
             title: String::new(),
             is_first_start,
-            fits_screen: false,
+            keeps_at: None,
+            is_fitted: false,
             preferences,
         };
         // What is spoken before is English.
@@ -333,6 +335,10 @@ impl Viewer {
     /// Opens a file or a folder of environments, as if it had been dropped.
     pub fn open(&mut self, path: &Path) {
         let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        if self.question.is_some() || self.document.coming.is_some() {
+            // One after the other.
+            return self.to_open.push(path);
+        }
         // A folder may be a splat, or hold cameras.
         let path = file_of(&path).into_owned();
         let kind = file_kind(&path);
@@ -433,28 +439,35 @@ impl Viewer {
 
     /// Fits the window to the screen, and on a large screen that the system does not scale makes the text of the first start larger.
     pub(super) fn fit_screen(&mut self, context: &egui::Context) {
-        let (screen, inner) = context.input(|i| {
+        let (screen, is_free) = context.input(|i| {
             let viewport = i.viewport();
-            (viewport.monitor_size, viewport.inner_rect)
+            let fills = [viewport.maximized, viewport.fullscreen];
+            (viewport.monitor_size, !fills.contains(&Some(true)))
         });
-        let Some((screen, inner)) = screen.zip(inner).filter(|_| !self.fits_screen) else {
+        let Some(screen) = screen.filter(|_| !self.is_fitted) else {
             return;
         };
-        self.fits_screen = true;
-        let room = screen - SCREEN_MARGIN;
-        if inner.width() > room.x || inner.height() > room.y {
-            let size = inner.size().min(room);
-            context.send_viewport_cmd(egui::ViewportCommand::InnerSize(size));
-        }
+        self.is_fitted = true;
         let scale = context.pixels_per_point();
         if self.is_first_start && scale == 1.0 && screen.y >= LARGE_SCREEN {
             context.set_zoom_factor(LARGE_TEXT);
+        }
+        let (size, room) = (context.content_rect().size(), screen - SCREEN_MARGIN);
+        if is_free && (size.x > room.x || size.y > room.y) {
+            context.send_viewport_cmd(egui::ViewportCommand::InnerSize(size.min(room)));
         }
     }
 
     /// Puts the next of the splats that were opened together into the scene.
     pub(super) fn add_next(&mut self) {
-        if self.to_add.is_empty() || self.session.project.is_loading_asset() {
+        if self.question.is_some() || self.session.project.is_loading_asset() {
+            return;
+        }
+        if self.document.coming.is_none() && !self.to_open.is_empty() {
+            let path = self.to_open.remove(0);
+            return self.open(&path);
+        }
+        if self.to_add.is_empty() {
             return;
         }
         let path = self.to_add.remove(0);
@@ -527,19 +540,21 @@ impl Viewer {
             Ok(()) => {
                 self.preferences.remember(path);
                 self.document.path = Some(path.to_owned());
-                self.document.note_saved(&self.session.project.scene);
+                let scene = self.session.project.scene_as_step().into_owned();
+                self.document.note_saved(&scene);
                 self.session.info(tr_format!("Saved {}.", path.display()));
-                if let Some(next) = self.document.next.take() {
-                    self.show_next(next);
-                }
+                self.show_what_waited();
             }
             Err(error) => self.session.error(error.to_string()),
         }
     }
 
     pub(super) fn asset_name(&self) -> String {
+        if self.session.project.scene.objects.len() > 1 {
+            return self.document_name();
+        }
         let asset = self.session.asset();
-        asset.map_or_else(|| "asset".into(), |a| a.name())
+        asset.map_or_else(|| "splat".into(), |a| a.name())
     }
 
     /// Asks where a look or a splat is to be saved.
@@ -550,7 +565,10 @@ impl Viewer {
             (SaveKind::Delit, DelitAs::Even) => "even".into(),
             _ => self.session.light(TARGET).name(),
         };
-        let name = format!("{asset}_{of}.{extension}");
+        let name = match kind {
+            SaveKind::Look => format!("{}.{extension}", self.document_name()),
+            _ => format!("{asset}_{of}.{extension}"),
+        };
         ask(&mut self.session, Dialog::Save(kind, name));
     }
 

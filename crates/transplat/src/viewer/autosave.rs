@@ -1,5 +1,6 @@
 //! Documents and autosaves of the viewer: saving, replacing, restoring.
 
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use transplat_core::files::{is_same_file, load_look};
@@ -7,23 +8,32 @@ use transplat_core::scene::Scene;
 
 use super::app::Viewer;
 use super::document::{
-    AUTOSAVE_AFTER, Autosave, NextScene, autosaves_in, keep, keep_autosave, settings,
+    AUTOSAVE_AFTER, Autosave, NextScene, autosave_file, autosaves_in, differs, document_of,
+    forget_old_autosaves, keep, keep_document,
 };
+use super::history::History;
 use super::questions::Question;
 use super::session::SaveKind;
 use transplat_engine::bundled::{BUNDLED_SPLAT, bundled};
+use transplat_engine::jobs::Kind;
 use transplat_engine::language::{tr, tr_format};
+use transplat_engine::project::TARGET;
 
 impl Viewer {
     /// Title of the window: the document's name, with a star where something is not saved.
     pub(super) fn document_title(&self) -> String {
         let session = &self.session;
-        if session.asset().is_none() && self.document.path.is_none() {
+        if !session.project.has_asset() && self.document.path.is_none() {
             return "transplat".into();
         }
-        let is_changed = self.document.is_changed(&session.project.scene);
-        let star = if is_changed { "*" } else { "" };
+        let star = if self.has_unsaved() { "*" } else { "" };
         format!("{}{star} – transplat", self.document_name())
+    }
+
+    /// True where something is not saved.
+    pub(super) fn has_unsaved(&self) -> bool {
+        let scene = self.session.project.scene_as_step();
+        self.document.is_changed(&scene, self.timeline.time())
     }
 
     /// Name of the document, or of the first object where it has none.
@@ -41,50 +51,92 @@ impl Viewer {
 
     /// Saves to the document's file, or asks for one; and then shows another scene, if one waits for that.
     pub(super) fn save_document(&mut self, next: Option<NextScene>) {
-        self.document.next = next;
+        if self.document.coming.is_some() {
+            return self.session.info(tr("The scene is still loading."));
+        }
         match self.document.path.clone() {
             Some(path) => self.save_to(&path, SaveKind::Look, true),
             None => self.ask_where(SaveKind::Look, "json"),
+        }
+        self.document.next = next;
+        // It is saved already where its file was known.
+        self.show_what_waited();
+    }
+
+    /// Shows the scene that waited for the work to be saved, if it is.
+    pub(super) fn show_what_waited(&mut self) {
+        if !self.has_unsaved()
+            && let Some(next) = self.document.next.take()
+        {
+            self.show_next(next);
         }
     }
 
     /// Replaces all that is open, after a question where something is not saved.
     pub(super) fn replace_scene(&mut self, next: NextScene) {
-        if self.document.is_changed(&self.session.project.scene) {
+        if self.has_unsaved() {
             self.question = Some(Question::Discard(next));
         } else {
             self.show_next(next);
         }
     }
 
-    /// Replaces all that is open; what was there stays as an autosave.
+    /// Replaces all that is open; what was there stays as an autosave, or it stays open.
     pub(super) fn show_next(&mut self, next: NextScene) {
-        self.autosave();
+        if !self.autosave() {
+            return;
+        }
         self.to_add.clear();
         // Discarded work does not come back by itself.
         if let Some(work) = self.work.as_ref().filter(|work| work.is_file()) {
             let _ = std::fs::remove_file(work);
         }
         self.kept_work = None;
+        let document = &mut self.document;
         match next {
             NextScene::Empty => {
-                self.document.begin(None);
-                self.session.project.start_empty(self.preferences.scene());
+                let mut scene = self.preferences.scene();
+                scene.environment.file = Some(self.session.light(TARGET).path.clone());
+                document.begin(None, true);
+                document.note_saved(&scene);
+                self.session.project.start_empty(scene);
                 self.session.selected = 0;
+                self.history = History::default();
             }
             NextScene::Bundled(splat) => {
-                self.document.begin(None);
+                document.expect(None, true, bundled(splat));
                 self.bundled_scene(splat);
             }
-            NextScene::Look(path) | NextScene::Saved(path) => {
-                self.document.begin(Some(path.clone()));
+            NextScene::Look(path) => {
+                document.expect(Some(path.clone()), true, first_splat(&path));
                 self.unproven.push(path.clone());
                 self.session.open(&path);
             }
             NextScene::Autosave(path) => {
-                self.document.begin_unsaved(None);
+                document.expect(None, false, first_splat(&path));
                 self.session.open(&path);
             }
+        }
+    }
+
+    /// Hands the document over to the scene that is opened, once that is shown or could not be.
+    pub(super) fn follow_document(&mut self) {
+        let project = &self.session.project;
+        if project.is_loading_asset() || !self.to_add.is_empty() {
+            return;
+        }
+        // What was undone belongs to the document before.
+        if self.document.take_over(&project.scene) {
+            self.history = History::default();
+        }
+        if project.has_asset() {
+            let scene = project.scene_as_step();
+            self.document.note_opened(&scene);
+            self.document.follow(&scene);
+        }
+        let asks = self.question.is_some() || self.shown.path_field.is_some();
+        if !asks && !self.session.jobs.is_running(Kind::Dialog) {
+            self.document.next = None;
         }
     }
 
@@ -97,16 +149,13 @@ impl Viewer {
         let read = load_look(&path);
         let why = match read.as_ref().map(first_asset) {
             Ok(Some(asset)) if asset.is_file() => {
-                let document = self.preferences.document.clone();
+                let document = document_of(&path);
                 let is_saved = document.as_ref().is_some_and(|file| {
                     let saved = load_look(file);
-                    let same = |work: &Scene| saved.is_ok_and(|s| settings(&s) == settings(work));
+                    let same = |work: &Scene| saved.is_ok_and(|saved| !differs(&saved, work, 0.0));
                     read.as_ref().is_ok_and(same)
                 });
-                match is_saved {
-                    true => self.document.begin(document),
-                    false => self.document.begin_unsaved(document),
-                }
+                self.document.expect(document, is_saved, Some(asset));
                 self.session.open(&path);
                 self.session.info(tr("Restored your last session."));
                 return true;
@@ -121,7 +170,7 @@ impl Viewer {
             why = why
         ));
         // What is done from here on does not take its place.
-        self.work = None;
+        self.set_work_aside();
         false
     }
 
@@ -132,7 +181,7 @@ impl Viewer {
         };
         let asset = load_look(&path).ok().and_then(|s| s.objects[0].called());
         let name = asset.unwrap_or_else(|| tr("unnamed").into());
-        let kept = keep_autosave(&path, &name).and_then(|()| std::fs::remove_file(&path));
+        let kept = std::fs::rename(&path, autosave_file(&path, &name));
         if let Err(why) = kept {
             self.session.error(tr_format!(
                 "Could not autosave {file}: {why}",
@@ -150,59 +199,77 @@ impl Viewer {
         folder.map(autosaves_in).unwrap_or_default()
     }
 
-    /// Makes an autosave of the work as it is now.
-    pub fn autosave(&mut self) {
-        self.keep_work();
-        let name = self.document_name();
-        self.document.autosaved = Some(Instant::now());
-        if let Some(work) = self.work.clone().filter(|work| work.is_file())
-            && let Err(why) = keep_autosave(&work, &name)
-        {
-            let file = work.display();
-            self.session.error(tr_format!(
-                "Could not autosave {file}: {why}",
-                file = file,
-                why = why
-            ));
+    /// Makes an autosave of the work as it is now, if anything was done; whether nothing of it would be lost.
+    pub fn autosave(&mut self) -> bool {
+        let Some(work) = self.work.clone().filter(|_| self.has_work()) else {
+            return true;
+        };
+        let scene = self.session.project.scene_to_save();
+        if self.document.autosaved_scene.as_ref() == Some(&scene) {
+            return true;
         }
+        let file = autosave_file(&work, &self.document_name());
+        if let Err(why) = keep(&file, &scene) {
+            let text = tr_format!(
+                "Could not autosave {file}: {why}",
+                file = file.display(),
+                why = why
+            );
+            self.session.error(text);
+            return false;
+        }
+        forget_old_autosaves(&work);
+        self.document.autosaved = Some(Instant::now());
+        self.document.autosaved_scene = Some(scene);
+        true
+    }
+
+    /// True where there is work that would be missed: a scene of one's own, or the bundled one with changes.
+    fn has_work(&self) -> bool {
+        let project = &self.session.project;
+        let of_bundled = |asset: &Path| {
+            bundled(BUNDLED_SPLAT).is_some_and(|bundled| is_same_file(&bundled, asset))
+        };
+        let is_bundled = project.scene.objects[0]
+            .asset
+            .as_deref()
+            .is_some_and(of_bundled);
+        let is_untouched = is_bundled && !self.history.has_undo(&project.scene_as_step());
+        project.has_asset() && !is_untouched
     }
 
     /// Keeps the work as it is now for the next start, if anything was done.
     pub fn keep_work(&mut self) {
-        let Some(path) = self.work.clone() else {
+        let is_loading = self.session.project.is_loading_asset();
+        let Some(path) = self.work.clone().filter(|_| self.has_work() && !is_loading) else {
             return;
         };
-        let Some(asset) = self
-            .session
-            .asset()
-            .filter(|_| !self.session.project.is_loading_asset())
-        else {
-            return;
-        };
-        let is_bundled = bundled(BUNDLED_SPLAT).is_some_and(|b| is_same_file(&b, &asset.path));
-        if is_bundled && !self.history.has_undo(&self.session.project.scene_as_step()) {
-            return;
-        }
         let scene = self.session.project.scene_to_save();
         if self.kept_work.as_ref() == Some(&scene) {
             return;
         }
-        let last = *self.document.autosaved.get_or_insert_with(Instant::now);
-        match keep(&path, &scene) {
-            Ok(()) if last.elapsed() > AUTOSAVE_AFTER => {
-                self.kept_work = Some(scene);
-                self.autosave();
-                return;
-            }
-            Ok(()) => {}
-            Err(why) => {
-                self.session.error(tr_format!(
-                    "Could not save the session for the next start: {why}",
-                    why = why
-                ));
-                self.work = None;
-            }
-        }
+        let kept = keep(&path, &scene).and_then(|()| {
+            keep_document(&path, self.document.path.as_deref()).map_err(|why| why.to_string())
+        });
         self.kept_work = Some(scene);
+        if let Err(why) = kept {
+            let text = tr_format!(
+                "Could not save the session for the next start: {why}",
+                why = why
+            );
+            self.session.error(text);
+            self.work = None;
+            return;
+        }
+        let last = *self.document.autosaved.get_or_insert_with(Instant::now);
+        if last.elapsed() > AUTOSAVE_AFTER {
+            self.autosave();
+        }
     }
+}
+
+/// The first splat of a look.
+fn first_splat(look: &Path) -> Option<PathBuf> {
+    let scene = load_look(look).ok()?;
+    scene.objects.into_iter().next()?.asset
 }

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use transplat_core::files::save_look;
-use transplat_core::present::View;
 use transplat_core::scene::Scene;
+
+use super::history::is_as;
 
 use transplat_engine::language::{tr, tr_format};
 
@@ -27,14 +28,24 @@ enum SavedScene {
     Nowhere,
 }
 
+/// Document that takes over once its scene is shown.
+pub struct ComingDocument {
+    path: Option<PathBuf>,
+    is_saved: bool,
+    /// The first splat, by which the scene is recognised.
+    splat: Option<PathBuf>,
+}
+
 /// File of the work, and what of it is saved.
 #[derive(Default)]
 pub struct SceneDocument {
     /// The look that *Save* writes; none before the first save.
     pub path: Option<PathBuf>,
     saved: SavedScene,
-    /// When the last autosave was made.
+    pub coming: Option<ComingDocument>,
+    /// When the last autosave was made, and of which scene.
     pub autosaved: Option<Instant>,
+    pub autosaved_scene: Option<Scene>,
     /// Scene that is shown once the work is saved.
     pub next: Option<NextScene>,
 }
@@ -48,8 +59,6 @@ pub enum NextScene {
     Look(PathBuf),
     /// Work that was saved by itself.
     Autosave(PathBuf),
-    /// The document as it was saved.
-    Saved(PathBuf),
 }
 
 /// Work that was saved by itself.
@@ -59,32 +68,51 @@ pub struct Autosave {
     pub age: Duration,
 }
 
-/// The settings without how they are looked at.
-pub fn settings(scene: &Scene) -> Scene {
-    Scene {
-        camera: None,
-        view: View::After,
-        wipe: 0.5,
-        ..scene.clone()
-    }
-}
-
 impl SceneDocument {
-    /// Starts on a file, or on none. What is opened next counts as saved.
-    pub fn begin(&mut self, path: Option<PathBuf>) {
+    /// Starts on a file, or on none, with a scene that is saved or that no file has.
+    pub fn begin(&mut self, path: Option<PathBuf>, is_saved: bool) {
         self.path = path;
-        self.saved = SavedScene::Pending;
+        self.saved = match is_saved {
+            true => SavedScene::Pending,
+            false => SavedScene::Nowhere,
+        };
+        self.coming = None;
     }
 
-    /// Starts with work that no file has.
-    pub fn begin_unsaved(&mut self, path: Option<PathBuf>) {
-        self.path = path;
-        self.saved = SavedScene::Nowhere;
+    /// Expects the scene of a file, of such a first splat; until it is shown the document stays.
+    pub fn expect(&mut self, path: Option<PathBuf>, is_saved: bool, splat: Option<PathBuf>) {
+        self.coming = Some(ComingDocument {
+            path,
+            is_saved,
+            splat,
+        });
+    }
+
+    /// Takes over what was expected where that is shown; forgets it where something else is. Yields whether it was taken over.
+    pub fn take_over(&mut self, scene: &Scene) -> bool {
+        let Some(coming) = self.coming.take() else {
+            return false;
+        };
+        let is_shown = scene.objects[0].asset == coming.splat;
+        if is_shown {
+            self.begin(coming.path, coming.is_saved);
+        }
+        is_shown
     }
 
     /// Notes that a scene is in the file.
     pub fn note_saved(&mut self, scene: &Scene) {
-        self.saved = SavedScene::As(Box::new(settings(scene)));
+        self.saved = SavedScene::As(Box::new(scene.clone()));
+    }
+
+    /// Leaves the file where its only object is replaced: what is there now is another work.
+    pub fn follow(&mut self, scene: &Scene) {
+        if let (SavedScene::As(saved), [now]) = (&self.saved, &scene.objects[..])
+            && let [last] = &saved.objects[..]
+            && last.asset != now.asset
+        {
+            self.path = None;
+        }
     }
 
     /// Takes the first scene after an opening for the saved one.
@@ -94,14 +122,24 @@ impl SceneDocument {
         }
     }
 
-    /// True where a scene has changes that are not saved.
-    pub fn is_changed(&self, scene: &Scene) -> bool {
+    /// True where a scene, with its light at a time of its animation, has changes that are not saved. How it is looked at is none.
+    pub fn is_changed(&self, scene: &Scene, time: f64) -> bool {
         match &self.saved {
             SavedScene::Pending => false,
-            SavedScene::As(saved) => **saved != settings(scene),
+            SavedScene::As(saved) => differs(saved, scene, time),
             SavedScene::Nowhere => true,
         }
     }
+}
+
+/// True for scenes that differ in more than how they are looked at, and the time of their light.
+pub fn differs(saved: &Scene, scene: &Scene, time: f64) -> bool {
+    let mut saved = saved.clone();
+    if !saved.animation.keys.is_empty() {
+        saved.go_to(time);
+    }
+    (saved.view, saved.wipe) = (scene.view, scene.wipe);
+    !is_as(&saved, scene)
 }
 
 pub fn keep(path: &Path, scene: &Scene) -> Result<(), String> {
@@ -110,27 +148,42 @@ pub fn keep(path: &Path, scene: &Scene) -> Result<(), String> {
     save_look(path, scene).map_err(|why| why.to_string())
 }
 
-/// Copies the work to the autosaves, unless the newest is the same, and forgets the oldest.
-pub fn keep_autosave(work: &Path, name: &str) -> std::io::Result<()> {
-    let text = std::fs::read(work)?;
-    let folder = work.parent().unwrap_or(Path::new("."));
-    let all = autosaves_in(folder);
-    let newest = all
-        .first()
-        .and_then(|newest| std::fs::read(&newest.path).ok());
-    if newest.as_ref() == Some(&text) {
-        return Ok(());
+/// File beside the work that names the document it is of.
+fn document_note(work: &Path) -> PathBuf {
+    work.with_extension("document")
+}
+
+/// Notes of which document the work is.
+pub fn keep_document(work: &Path, document: Option<&Path>) -> std::io::Result<()> {
+    let note = document_note(work);
+    match document {
+        Some(document) => std::fs::write(note, document.display().to_string()),
+        None if note.exists() => std::fs::remove_file(note),
+        None => Ok(()),
     }
+}
+
+/// Document that the work is of.
+pub fn document_of(work: &Path) -> Option<PathBuf> {
+    let text = std::fs::read_to_string(document_note(work)).ok()?;
+    Some(PathBuf::from(text))
+}
+
+/// File of a new autosave beside the work.
+pub fn autosave_file(work: &Path, name: &str) -> PathBuf {
     let is_plain = |c: char| c.is_alphanumeric() || " -_.".contains(c);
     let name: String = name.chars().filter(|c| is_plain(*c)).take(60).collect();
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
     let made = now.unwrap_or_default().as_millis();
-    let name = format!("{AUTOSAVE}{made:015} {name}.json");
-    std::fs::write(work.with_file_name(name), text)?;
-    for old in all.iter().skip(MOST_AUTOSAVES - 1) {
-        std::fs::remove_file(&old.path)?;
+    work.with_file_name(format!("{AUTOSAVE}{made:015} {name}.json"))
+}
+
+/// Forgets the oldest autosaves; one that cannot be removed stays.
+pub fn forget_old_autosaves(work: &Path) {
+    let all = work.parent().map(autosaves_in).unwrap_or_default();
+    for old in all.iter().skip(MOST_AUTOSAVES) {
+        let _ = std::fs::remove_file(&old.path);
     }
-    Ok(())
 }
 
 pub fn autosaves_in(folder: &Path) -> Vec<Autosave> {
@@ -149,7 +202,8 @@ pub fn autosaves_in(folder: &Path) -> Vec<Autosave> {
             })
         })
         .collect();
-    all.sort_by_key(|autosave| autosave.age);
+    // The names begin with the time, whatever the clock says now.
+    all.sort_by(|a, b| b.path.cmp(&a.path));
     all
 }
 
@@ -168,14 +222,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn autosaves_are_few_and_each_is_another() {
+    fn autosaves_are_few_and_the_newest_is_first() {
         let folder = tempfile::tempdir().expect("a folder");
         let work = folder.path().join("work.json");
         for i in 0..2 * MOST_AUTOSAVES {
-            std::fs::write(&work, format!("{i}")).expect("room");
-            for _ in 0..2 {
-                keep_autosave(&work, "a/teapot").expect("room");
-            }
+            std::fs::write(autosave_file(&work, "a/teapot"), format!("{i}")).expect("room");
+            forget_old_autosaves(&work);
             std::thread::sleep(Duration::from_millis(2));
         }
         let all = autosaves_in(folder.path());
@@ -185,19 +237,35 @@ mod tests {
         assert_eq!(all[0].name, "ateapot");
     }
 
+    /// A look that cannot be shown leaves the document as it is: its file is not written over by what is there.
+    #[test]
+    fn a_document_is_that_of_the_scene_that_is_shown() {
+        let mut document = SceneDocument::default();
+        document.begin(Some("a.json".into()), true);
+        let mut scene = Scene::default();
+        scene.objects[0].asset = Some("a.ply".into());
+        document.expect(Some("b.json".into()), true, Some("b.ply".into()));
+        assert!(!document.take_over(&scene));
+        assert_eq!(document.path, Some("a.json".into()));
+        document.expect(Some("b.json".into()), true, Some("b.ply".into()));
+        scene.objects[0].asset = Some("b.ply".into());
+        assert!(document.take_over(&scene));
+        assert_eq!(document.path, Some("b.json".into()));
+    }
+
     #[test]
     fn a_document_is_changed_by_settings_and_not_by_the_view() {
         let mut document = SceneDocument::default();
         let mut scene = Scene::default();
-        assert!(!document.is_changed(&scene));
+        assert!(!document.is_changed(&scene, 0.0));
         document.note_opened(&scene);
-        scene.view = View::Split;
-        assert!(!document.is_changed(&scene));
+        scene.view = transplat_core::present::View::Split;
+        assert!(!document.is_changed(&scene, 0.0));
         scene.display.exposure = 1.0;
-        assert!(document.is_changed(&scene));
+        assert!(document.is_changed(&scene, 0.0));
         document.note_opened(&scene);
-        assert!(document.is_changed(&scene), "it is open already");
+        assert!(document.is_changed(&scene, 0.0), "it is open already");
         document.note_saved(&scene);
-        assert!(!document.is_changed(&scene));
+        assert!(!document.is_changed(&scene, 0.0));
     }
 }

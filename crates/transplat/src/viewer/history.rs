@@ -162,7 +162,7 @@ impl History {
 }
 
 /// True for scenes that differ in the camera at most: lights that are fixed to it went along.
-fn is_as(step: &Scene, scene: &Scene) -> bool {
+pub fn is_as(step: &Scene, scene: &Scene) -> bool {
     if step.camera == scene.camera {
         return step == scene;
     }

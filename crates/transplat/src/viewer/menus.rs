@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use eframe::egui::{self, Ui};
+use transplat_core::files::percent_encoded;
 use transplat_core::present::View;
 use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_core::surfels::SurfelFilter;
@@ -14,6 +15,7 @@ use super::export::task::Task;
 use super::files::{PathField, ask};
 use super::gestures::NavigationPreset;
 use super::preferences::Preferences;
+use super::questions::Question;
 use super::session::{Dialog, SaveKind};
 use super::shortcuts::{self, Action};
 use super::widgets::{button, entry};
@@ -109,13 +111,13 @@ impl Viewer {
             }
         });
         ui.separator();
-        self.item(ui, tr("Save"), Action::SaveLook, true);
-        self.item(ui, tr("Save as…"), Action::SaveLookAs, true);
+        self.item(ui, tr("Save"), Action::Save, true);
+        self.item(ui, tr("Save as…"), Action::SaveAs, true);
         let path = self.document.path.clone();
-        let is_changed = self.document.is_changed(&self.session.project.scene);
+        let is_changed = self.has_unsaved();
         ui.add_enabled_ui(path.is_some() && is_changed, |ui| {
             if let (true, Some(path)) = (entry(ui, tr("Revert")), path) {
-                self.replace_scene(NextScene::Saved(path));
+                self.question = Some(Question::Revert(path));
             }
         });
         ui.menu_button(tr("Autosaves"), |ui| {
@@ -154,10 +156,11 @@ impl Viewer {
     /// Opens the manual in the browser, and says where it is.
     fn open_manual(&mut self, context: &egui::Context) {
         let Some(page) = manual() else {
-            return self.session.error(tr("The manual is not installed."));
+            return self.session.error(tr(
+                "The manual is not installed. Build it with cargo xtask docs.",
+            ));
         };
-        let page = page.canonicalize().unwrap_or(page);
-        let url = format!("file://{}", page.display());
+        let url = format!("file://{}", percent_encoded(&page));
         context.open_url(egui::OpenUrl::new_tab(url));
         let text = tr_format!(
             "The manual opens in the browser: {page}",

@@ -4,12 +4,11 @@ use std::path::{Path, PathBuf};
 
 use transplat_core::environment::ImageReading;
 use transplat_core::files::{FileKind, file_kind, load_look};
-use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_file};
+use transplat_core::scene::{ESTIMATE, Object, Scene, is_estimate, is_file};
 
 use super::session::Session;
 use transplat_engine::language::tr_format;
 use transplat_engine::project::{SOURCE, TARGET};
-use transplat_engine::splat::OpenedWith;
 
 impl Session {
     /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.
@@ -19,14 +18,7 @@ impl Session {
                 self.project.add_object(path.to_owned());
             }
             Ok(FileKind::Splat(_)) => {
-                // Nothing is told of it: its light is estimated.
-                let object = Object {
-                    source: EnvironmentLight::of(ESTIMATE),
-                    ..Object::default()
-                };
-                let opened_with = OpenedWith::Object(Box::new(object), None);
-                self.project
-                    .load_splat(self.selected, path.to_owned(), opened_with);
+                self.project.replace_object(self.selected, path.to_owned());
             }
             Ok(FileKind::Cameras) => self.project.open_cameras(path),
             Ok(FileKind::Rig) => self.open_rig(path),

@@ -123,7 +123,7 @@ impl Viewer {
             ..
         } = &mut self.session;
         let running = || project.jobs.running().iter().chain(jobs.running());
-        let stays = |m: &Message| match m.mend {
+        let stays = |m: &Message| match m.offer {
             Some(_) => OFFER_S,
             None => MESSAGE_S,
         };
@@ -140,7 +140,7 @@ impl Viewer {
         let width = (rect.width() * 0.5).clamp(240.0, 460.0);
         let mut dismissed = None;
         let mut dismiss_all = false;
-        let mut mended = None;
+        let mut taken = None;
         area.show(context, |ui| {
             ui.set_max_width(width);
             for job in &jobs {
@@ -203,10 +203,10 @@ impl Viewer {
                         let text = egui::RichText::new(&message.text).color(color);
                         ui.vertical(|ui| {
                             ui.add(egui::Label::new(text).wrap());
-                            if let Some(mend) = message.mend
-                                && ui.button(mend.name()).clicked()
+                            if let Some((of, remedy)) = message.offer
+                                && ui.button(remedy.name()).clicked()
                             {
-                                mended = Some(mend);
+                                taken = Some((of, remedy));
                                 dismissed = Some(i);
                             }
                         });
@@ -227,8 +227,11 @@ impl Viewer {
         } else if let Some(i) = dismissed {
             messages.remove(i);
         }
-        if let Some(mend) = mended {
-            self.session.project.mend(mend);
+        // The object may be gone meanwhile.
+        if let Some((of, remedy)) = taken
+            && let Some(at) = self.session.project.at(of)
+        {
+            self.session.project.apply_remedy(at, remedy);
         }
     }
 
@@ -344,14 +347,20 @@ impl Viewer {
             .order(egui::Order::Middle)
             .show(context, |ui| {
                 ui.vertical_centered(|ui| {
-                    ui.heading(tr("Drop a splat here"));
-                    ui.weak(tr("2DGS or 3DGS: .ply, .spz, .sog, .splat, .ksplat, .glb"));
+                    // The viewport is dark in both themes.
+                    let [title, text] = [230, 180].map(Color32::from_gray);
+                    let heading = egui::RichText::new(tr("Drop a splat here")).heading();
+                    ui.label(heading.color(title));
+                    ui.colored_label(
+                        text,
+                        tr("2DGS or 3DGS: .ply, .spz, .sog, .splat, .ksplat, .glb"),
+                    );
                     ui.add_space(8.0);
                     if ui.button(tr("Open…")).clicked() {
                         next = Some(Action::Open);
                     }
                     if ui.button(tr("Open the teapot")).clicked() {
-                        self.show_next(NextScene::Bundled(BUNDLED_SPLAT));
+                        self.replace_scene(NextScene::Bundled(BUNDLED_SPLAT));
                     }
                 });
             });
@@ -394,12 +403,16 @@ impl Viewer {
             .resizable(false)
             .show(context, |ui| {
                 let room = (whole.height() - 110.0).max(160.0);
-                egui::ScrollArea::vertical()
+                egui::ScrollArea::both()
                     .max_height(room)
+                    .max_width(whole.width() - 60.0)
                     .show(ui, |ui| {
                         ui.horizontal_top(|ui| {
-                            let gestures =
-                                GESTURES.map(|(gesture, what)| (tr(gesture).to_owned(), tr(what)));
+                            let mut gestures = shortcuts::camera_drags(self.preferences.navigation);
+                            gestures.extend(GESTURES);
+                            let gestures: Vec<_> = (gestures.into_iter())
+                                .map(|(gesture, what)| (tr(gesture).to_owned(), tr(what)))
+                                .collect();
                             sheet(ui, "gestures", &gestures);
                             ui.separator();
                             let keys = SHORTCUTS

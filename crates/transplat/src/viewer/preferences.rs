@@ -35,8 +35,6 @@ pub struct Preferences {
     pub directions: usize,
     pub shadow_catcher: bool,
     pub recent: Vec<PathBuf>,
-    /// File that the last session was saved in.
-    pub document: Option<PathBuf>,
     /// True where bakes are saved beside their splats, not in the user's cache.
     pub bakes_beside: bool,
     pub navigation: NavigationPreset,
@@ -61,7 +59,6 @@ impl Default for Preferences {
             directions: DEFAULT_DIRECTIONS,
             shadow_catcher: false,
             recent: Vec::new(),
-            document: None,
             bakes_beside: false,
             navigation: NavigationPreset::default(),
             export: ExportSettings::default(),

@@ -15,6 +15,8 @@ pub enum Question {
     Overwrite(PathBuf, SaveKind),
     /// Unsaved work would be closed.
     Discard(NextScene),
+    /// The document would go back to its file.
+    Revert(PathBuf),
     /// A splat is opened in a scene of several objects.
     AddOrReplace(PathBuf),
 }
@@ -58,6 +60,15 @@ impl Question {
                         (Answer::Cancel, tr("Cancel")),
                     ];
                     buttons(ui, &answers, Answer::Save)
+                }
+                Self::Revert(_) => {
+                    ui.label(tr_format!("Revert {name} to its file?", name = work));
+                    ui.weak(tr("Discarded work stays in File > Autosaves."));
+                    let answers = [
+                        (Answer::Discard, tr("Revert")),
+                        (Answer::Cancel, tr("Cancel")),
+                    ];
+                    buttons(ui, &answers, Answer::Cancel)
                 }
                 Self::AddOrReplace(path) => {
                     let name = path.file_name().unwrap_or_default().display();

@@ -187,7 +187,7 @@ impl Session {
         // Of what is neither a rig nor anything else it is told why.
         let is_other = |kind| !matches!(kind, FileKind::Rig | FileKind::Look);
         if file_kind(path).is_ok_and(is_other) {
-            let why = tr("is not a light rig.");
+            let why = tr("This is not a light rig.");
             return self.error(format!("{}: {why}", path.display()));
         }
         match load_rig(path) {

@@ -21,7 +21,7 @@ use transplat_engine::jobs::{Handle, Job, Jobs, Kind, Wake};
 use transplat_engine::language::tr_later;
 use transplat_engine::object::{ObjectState, OrientedLight};
 use transplat_engine::project::canvas::Canvas;
-use transplat_engine::project::{Mend, Notice, Project, SOURCE};
+use transplat_engine::project::{Notice, Project, Remedy, SOURCE};
 use transplat_engine::splat::Splat;
 use transplat_engine::words::of_error;
 use transplat_eval::savings::Saved;
@@ -87,8 +87,8 @@ pub struct Message {
     pub text: String,
     pub is_error: bool,
     pub since: Instant,
-    /// Action that it offers.
-    pub mend: Option<Mend>,
+    /// Remedy that it offers, and the state of the object that it is about.
+    pub offer: Option<(u64, Remedy)>,
 }
 
 /// Overlays of the picture.
@@ -189,13 +189,13 @@ impl Session {
         self.tell(text.into(), true, None);
     }
 
-    fn tell(&mut self, text: String, is_error: bool, mend: Option<Mend>) {
+    fn tell(&mut self, text: String, is_error: bool, offer: Option<(u64, Remedy)>) {
         self.messages.retain(|m| m.text != text);
         self.messages.push(Message {
             text,
             is_error,
             since: Instant::now(),
-            mend,
+            offer,
         });
     }
 
@@ -217,17 +217,16 @@ impl Session {
         for notice in std::mem::take(&mut self.project.notices) {
             match notice {
                 Notice::Info(text) => self.info(text),
-                Notice::Offer(text, mend) => self.tell(text, false, Some(mend)),
+                Notice::Offer(text, at, remedy) => {
+                    let of = self.project.states.get(at).map(|state| (state.id, remedy));
+                    self.tell(text, false, of);
+                }
                 Notice::Error(text) => self.error(text),
                 Notice::Opened(path) => self.opened.push(path),
                 Notice::NoLight(path) => self.events.push(Event::NoLight(path)),
                 Notice::PictureSize(size) => self.events.push(Event::PictureSize(size)),
                 Notice::Added(at) => self.selected = at,
-                Notice::Removed(at) => {
-                    self.selected -= usize::from(self.selected > at);
-                    // The objects have other numbers now.
-                    self.messages.retain(|message| message.mend.is_none());
-                }
+                Notice::Removed(at) => self.selected -= usize::from(self.selected > at),
             }
         }
         let last = self.project.scene.objects.len() - 1;

@@ -2,6 +2,7 @@
 
 use eframe::egui::{Key, Modifiers};
 
+use super::gestures::NavigationPreset;
 use super::gizmo::KeyedTransform;
 use super::tabs::Tab;
 use transplat_engine::language::{tr, tr_later};
@@ -12,8 +13,8 @@ pub enum Action {
     New,
     Open,
     OpenFolder,
-    SaveLook,
-    SaveLookAs,
+    Save,
+    SaveAs,
     ExportSplat,
     Screenshot,
     Copy,
@@ -62,8 +63,8 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 49] = [
         Action::OpenFolder,
         tr_later("open a folder of environments"),
     ),
-    (CTRL, Key::S, Action::SaveLook, tr_later("save")),
-    (CTRL_SHIFT, Key::S, Action::SaveLookAs, tr_later("save as")),
+    (CTRL, Key::S, Action::Save, tr_later("save")),
+    (CTRL_SHIFT, Key::S, Action::SaveAs, tr_later("save as")),
     (
         CTRL,
         Key::E,
@@ -254,14 +255,8 @@ pub const ARROWS: [Key; 4] = [
 ];
 
 /// Gestures of the mouse and held keys, for the sheet.
-pub const GESTURES: [(&str, &str); 17] = [
-    (tr_later("left drag"), tr_later("orbit")),
-    (tr_later("middle drag, shift + left drag"), tr_later("pan")),
+pub const GESTURES: [(&str, &str); 14] = [
     (tr_later("wheel"), tr_later("zoom to the pointer")),
-    (
-        tr_later("right drag"),
-        tr_later("look around; with W A S D Q E fly"),
-    ),
     (
         tr_later("shift + right drag"),
         tr_later("rotate and tilt the light"),
@@ -303,6 +298,38 @@ pub const GESTURES: [(&str, &str); 17] = [
     ),
     ("?", tr_later("this sheet")),
 ];
+
+/// Drags of the camera with a navigation preset.
+pub fn camera_drags(preset: NavigationPreset) -> Vec<(&'static str, &'static str)> {
+    let fly = (
+        tr_later("right drag"),
+        tr_later("look around; with W A S D Q E fly"),
+    );
+    match preset {
+        NavigationPreset::Transplat => vec![
+            (tr_later("left drag"), tr_later("orbit")),
+            (tr_later("middle drag, shift + left drag"), tr_later("pan")),
+            fly,
+        ],
+        NavigationPreset::Blender => vec![
+            (tr_later("middle drag"), tr_later("orbit")),
+            (tr_later("shift + middle drag"), tr_later("pan")),
+            (tr_later("ctrl + middle drag"), tr_later("zoom")),
+            fly,
+        ],
+        NavigationPreset::Maya => vec![
+            (tr_later("alt + left drag"), tr_later("orbit")),
+            (tr_later("middle drag"), tr_later("pan")),
+            (tr_later("alt + right drag"), tr_later("zoom")),
+            fly,
+        ],
+        NavigationPreset::SuperSplat => vec![
+            (tr_later("left drag"), tr_later("orbit")),
+            (tr_later("right drag"), tr_later("pan")),
+            (tr_later("middle drag"), tr_later("zoom")),
+        ],
+    }
+}
 
 /// A shortcut as text.
 pub fn name(modifiers: Modifiers, key: Key) -> String {

@@ -303,11 +303,21 @@ impl Viewport {
         self.gestures.held().is_some() || self.transform.is_some()
     }
 
+    /// True while a transform follows the pointer.
+    pub fn is_transforming(&self) -> bool {
+        self.transform.is_some()
+    }
+
+    /// Ends a transform that follows the pointer: what it moved stays.
+    pub fn end_transform(&mut self) {
+        self.asked_transform = None;
+        self.transform = None;
+    }
+
     /// Begins the transform that a key asked for, and lets it follow the pointer up to a click, Enter or Esc.
     fn follow_transform(&mut self, ui: &Ui, session: &mut Session) {
         let Some((camera, ..)) = self.camera_at(session, self.rect.min) else {
-            self.asked_transform = None;
-            return;
+            return self.end_transform();
         };
         let at = ui.input(|i| i.pointer.latest_pos());
         let at = at.unwrap_or(self.rect.center());

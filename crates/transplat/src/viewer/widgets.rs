@@ -132,15 +132,21 @@ fn tip(response: Response, text: &str) -> Response {
 
 /// An angle in degrees that goes round.
 pub fn angle(ui: &mut Ui, label: &str, tip: &str, value: &mut f64) -> Response {
-    *value = super::navigation::wrap(*value);
-    Control {
+    let before = super::navigation::wrap(*value);
+    let mut shown = before;
+    let response = Control {
         label,
         unit: "°",
         tip,
         decimals: 1,
         ..Control::of(-180.0..=180.0, 0.0)
     }
-    .show(ui, value)
+    .show(ui, &mut shown);
+    // Shown alone it stays as a file has it.
+    if shown != before {
+        *value = shown;
+    }
+    response
 }
 
 /// A choice of few; a double click on its name takes the first of them, the default.

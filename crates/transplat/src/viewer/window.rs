@@ -1,7 +1,7 @@
 //! Layout of the window: menus, panels, light library, viewport, status.
 
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use eframe::egui::{self, Key, Ui};
 
@@ -45,9 +45,6 @@ impl eframe::App for Viewer {
         let is_between = self.session.project.is_loading_asset() || self.viewport.is_dragging();
         let is_between = is_between || self.timeline.is_moving();
         if !is_between && !is_comparing {
-            if self.to_add.is_empty() && self.session.asset().is_some() {
-                self.document.note_opened(&self.session.project.scene);
-            }
             let scene = self.session.project.scene_as_step();
             if !scene.animation.keys.is_empty() {
                 self.history.went_to(self.timeline.time(), &scene);
@@ -60,8 +57,18 @@ impl eframe::App for Viewer {
         }
         // What was done is kept when there is a frame, too.
         if context.input(|i| !i.events.is_empty()) {
-            context.request_repaint_after(KEEPS_AFTER + Duration::from_secs(1));
+            self.keeps_at = Some(Instant::now() + KEEPS_AFTER + Duration::from_secs(1));
         }
+        // A frame that comes before forgets what was asked for.
+        match self
+            .keeps_at
+            .map(|at| at.saturating_duration_since(Instant::now()))
+        {
+            Some(Duration::ZERO) => self.keeps_at = None,
+            Some(left) => context.request_repaint_after(left),
+            None => {}
+        }
+        self.follow_document();
         self.store_lights();
         self.remember_opened();
         let title = self.document_title();
@@ -110,6 +117,9 @@ impl eframe::App for Viewer {
         }
         egui::CentralPanel::no_frame().show(ui, |ui| {
             self.viewport.navigation = self.preferences.navigation;
+            if self.question.is_some() || self.shown.path_field.is_some() {
+                self.viewport.end_transform();
+            }
             self.viewport.show(ui, &mut self.session, hold_before);
         });
         let context = ui.ctx().clone();
@@ -137,7 +147,6 @@ impl eframe::App for Viewer {
             self.preferences.keep(&self.session.project.scene);
         }
         self.keep_work();
-        self.preferences.document = self.document.path.clone();
         self.preferences.grid = self.session.overlays.grid;
         let absent = self.light_library.absent.iter();
         self.preferences.light_library = Some(

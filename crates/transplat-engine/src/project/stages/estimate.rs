@@ -11,12 +11,12 @@ use crate::estimate::{make_and_keep, why_not};
 use crate::jobs::{Handle, Kind, Work};
 use crate::language::{tr, tr_format, tr_later};
 use crate::object::ObjectState;
-use crate::project::{Mend, Project};
+use crate::project::{Project, Remedy};
 use crate::words::of_error;
 
 /// For the user, where nobody told the light.
 pub const DROP_IT: &str =
-    tr_later("Drop the environment of the capture on “Capture light”, if you have it");
+    tr_later("Drop the environment of the capture on “Capture light”, if you have it.");
 
 impl Project {
     /// True where the settings request the estimated capture light.
@@ -122,7 +122,7 @@ impl Project {
         let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
         if was_awaited && !is_on_its_way && state.estimate.get().is_none() {
             let text = tr("The capture light was not estimated.");
-            self.offer(text, Mend::Estimate(at));
+            self.offer(text, at, Remedy::Estimate);
         }
     }
 

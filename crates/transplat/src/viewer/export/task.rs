@@ -61,7 +61,17 @@ pub struct ExportSettings {
 impl Default for ExportSettings {
     fn default() -> Self {
         let folders = directories::UserDirs::new();
-        let folder = folders.map(|d| d.picture_dir().unwrap_or(d.home_dir()).to_owned());
+        let folder = folders.map(|d| {
+            let usual = d.home_dir().join("Pictures");
+            let home = || {
+                if usual.is_dir() {
+                    usual.clone()
+                } else {
+                    d.home_dir().to_owned()
+                }
+            };
+            d.picture_dir().map_or_else(home, std::path::Path::to_owned)
+        });
         Self {
             size: [1920, 1080],
             format: ImageFormat::default(),

@@ -104,7 +104,7 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         name(ui, tr("Size"));
         for (i, name) in [tr("Width"), tr("Height")].into_iter().enumerate() {
-            let drag = number(&mut settings.size[i], 1..=16384).suffix(tr(" px"));
+            let drag = number(&mut settings.size[i], 1..=16384);
             let response = ui.add(drag).on_hover_text(tr_format!(
                 "{name} of saved images. Very large ones are drawn in tiles.",
                 name = name
@@ -224,7 +224,8 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
         (tr("Video (WebM)"), Some(VideoFormat::WebM)),
         (tr("Video (WebP)"), Some(VideoFormat::WebP)),
     ];
-    let formats = match has_ffmpeg() {
+    let can_encode = has_ffmpeg();
+    let formats = match can_encode || settings.video.is_some() {
         true => &formats[..],
         false => &formats[..1],
     };
@@ -235,9 +236,8 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
         &mut settings.video,
         formats,
     );
-    if !has_ffmpeg() {
-        settings.video = None;
-        ui.weak(tr("Install ffmpeg and restart to save videos."));
+    if !can_encode {
+        ui.weak(tr("Install ffmpeg to save videos."));
     }
     if settings.video.is_some() || viewer.session.project.scene.animation.keys.len() > 1 {
         let drag = number(&mut settings.frame_rate, 1..=240).suffix(tr(" fps"));
