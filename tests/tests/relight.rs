@@ -284,7 +284,7 @@ fn a_splat_of_another_format_is_relit_in_its_own() {
     let told = run_json(&args("convert {} -o {}", &[&splat, &packed]));
     let warned = told["warnings"].to_string();
     assert!(
-        warned.contains("no 2D surfels") && warned.contains("24 bits"),
+        warned.contains("no 2D Gaussians") && warned.contains("24 bits"),
         "{warned}"
     );
     // It had +z up, and has +y there.

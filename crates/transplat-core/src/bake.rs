@@ -154,7 +154,7 @@ impl Bake {
             });
         }
         if open_object.is_some() {
-            let why = "no surfel blocks the light of another in any direction that was asked";
+            let why = "no Gaussian blocks the light of another in any direction that was asked";
             out.push(SkippedWork {
                 max_error: open_object,
                 skip: Some(Optimization::OpenObject),
@@ -174,7 +174,7 @@ impl Bake {
                 "rays of neighbours",
                 (
                     followers,
-                    "surfels lie beside one that sees nearly the same",
+                    "Gaussians lie beside one that sees nearly the same",
                 ),
             ),
             (

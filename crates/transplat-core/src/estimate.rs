@@ -91,12 +91,12 @@ impl Obstacle {
     /// For the user.
     pub fn reason(self) -> &'static str {
         match self {
-            Self::TooLittle => "too few visible surfels see the light",
+            Self::TooLittle => "too few visible Gaussians see the light",
             Self::Black => "the object is black",
             Self::OneWay => "the whole object faces one way",
             Self::EvenLight => "the object shows hardly any shading, as under even light",
             Self::Noise => {
-                "neighbouring surfels differ more than any light explains (paint, noise, or normals that are none)"
+                "neighbouring Gaussians differ more than any light explains (paint, noise, or normals that are none)"
             }
         }
     }

@@ -76,7 +76,7 @@ impl PreparedTransfer {
     pub fn part(&self, bake: &Bake, surfels: &[usize]) -> Result<Self> {
         let (baked, taken) = (bake.len(), surfels.len());
         ensure(baked == taken, || {
-            format!("the bake is of {baked} surfels and the part has {taken}")
+            format!("the bake is of {baked} Gaussians and the part has {taken}")
         })?;
         match (self, bake) {
             (Self::Directional(whole), Bake::Directional(bake)) => Ok(Self::Directional(Arc::new(
@@ -158,7 +158,7 @@ impl TransferCache {
         settings.validate()?;
         let (baked, there) = (bake.len(), cloud.len());
         ensure(baked == there, || {
-            format!("the bake is of {baked} surfels and the asset has {there}")
+            format!("the bake is of {baked} Gaussians and the asset has {there}")
         })?;
         ensure_room(cloud, settings.method)?;
         Ok(match bake.of_method(settings.method)? {

@@ -187,7 +187,7 @@ pub fn part_of(asset: &Path, object: &Object, whole: &SurfelCloud) -> Result<Arc
             whole.origin + end.as_dvec3()
         });
         bail!(
-            "{}: nothing of it is on the kept side of its cut; its surfels lie between {low} and {high}",
+            "{}: nothing of it is on the kept side of its cut; its Gaussians lie between {low} and {high}",
             asset.display()
         );
     }

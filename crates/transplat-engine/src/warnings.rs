@@ -36,7 +36,7 @@ pub fn asset_warnings(path: &Path, file: &SplatFile) -> Vec<String> {
     let mut warnings: Vec<String> = found.warnings.iter().map(said).collect();
     if !found.skipped_work.is_empty() {
         warnings.push(format!(
-            "{}: {} of {} surfels hold values that are no numbers and are left out",
+            "{}: {} of {} Gaussians hold values that are no numbers and are left out",
             path.display(),
             found.skipped_work.len(),
             found.vertices

@@ -173,7 +173,7 @@ impl InterObjectVisibility {
         let total = firsts[objects.len()];
         if total > MOST_SURFELS {
             return Err(Error::Mismatch(format!(
-                "{total} surfels in one scene; preset best can be baked for up to {MOST_SURFELS}"
+                "{total} Gaussians in one scene; preset best can be baked for up to {MOST_SURFELS}"
             )));
         }
         let others: Vec<Other> = (0..objects.len())

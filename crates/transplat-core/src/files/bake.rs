@@ -145,7 +145,7 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
         return Err(Error::invalid(
             path,
             format!(
-                "a bake for preset {} of {surfels} surfels and {directions} directions cannot have {length} bytes: it is truncated or broken",
+                "a bake for preset {} of {surfels} Gaussians and {directions} directions cannot have {length} bytes: it is truncated or broken",
                 method.preset()
             ),
         ));
@@ -225,7 +225,7 @@ pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Bake> {
         return Err(Error::invalid(
             path,
             format!(
-                "this bake ({} surfels) was made from another geometry than the asset's ({} surfels), or with another outside",
+                "this bake ({} Gaussians) was made from another geometry than the asset's ({} Gaussians), or with another outside",
                 header.surfels,
                 cloud.len()
             ),

@@ -118,7 +118,7 @@ impl SplatFormat {
         }
         let has = |test: fn(&Thickness) -> bool| cloud.thicknesses.iter().any(test);
         if self != Self::Ply && has(|t| t.is_flat()) {
-            losses.push("no 2D surfels, which become thin 3D Gaussians".into());
+            losses.push("no 2D Gaussians, which become thin 3D Gaussians".into());
         }
         if matches!(self, Self::Splat | Self::Gltf) && has(|t| t.is_antialiased()) {
             losses.push("no mark that it was trained antialiased".into());

@@ -346,7 +346,7 @@ impl PlyLayout {
         if self.scales.len() == 3 && found.third_scale_is_zero {
             self.scales.truncate(2);
             warnings.push(
-                "every scale_2 is 0: it is read as a splat of 2D surfels, which have no third scale"
+                "every scale_2 is 0: it is read as a splat of 2D Gaussians, which have no third scale"
                     .into(),
             );
             return true;

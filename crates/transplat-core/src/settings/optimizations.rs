@@ -134,21 +134,23 @@ impl Optimization {
     /// Reason why a scene cannot use it, in words.
     pub fn needed(self) -> &'static str {
         match self {
-            Self::ClosedSides => "rays on both sides of every surfel: no side is closed",
-            Self::OpenObject => "visibility: surfels block each other's light",
+            Self::ClosedSides => "rays on both sides of every Gaussian: no side is closed",
+            Self::OpenObject => "visibility: Gaussians block each other's light",
             Self::SharedVisibility => {
-                "rays of every surfel: there are not so many, or no two see the same"
+                "rays of every Gaussian: there are not so many, or no two see the same"
             }
             Self::InferredRays => {
-                "rays in every direction: there are not so many surfels, or none that agree"
+                "rays in every direction: there are not so many Gaussians, or none that agree"
             }
-            Self::SharedLobes => "the specular lobe of every surfel: there are not so many",
+            Self::SharedLobes => "the specular lobe of every Gaussian: there are not so many",
             Self::EmptyBands => "all SH bands: there is something in each",
             Self::GrayLight => "three channels: the light has a colour",
             Self::Suns => "rays to suns: the light has one",
-            Self::Bounces => "all turns of the bounce: surfels light each other",
-            Self::DiffuseSurfels => "a specular lobe on every surfel: all of them show highlights",
-            Self::Unseen => "every surfel: all are visible",
+            Self::Bounces => "all turns of the bounce: Gaussians light each other",
+            Self::DiffuseSurfels => {
+                "a specular lobe on every Gaussian: all of them show highlights"
+            }
+            Self::Unseen => "every Gaussian: all are visible",
         }
     }
 }
@@ -219,7 +221,7 @@ impl SkippedWork {
         (count > 0).then(|| Self {
             skip: Some(Optimization::Unseen),
             share: Some(count as f32 / unseen.len() as f32),
-            ..Self::exact(Stage::Transfer, "surfels that nobody sees", why)
+            ..Self::exact(Stage::Transfer, "Gaussians that nobody sees", why)
         })
     }
 

@@ -400,7 +400,7 @@ impl Relight for HarmonicTransfer {
 
     fn skipped_work_for(&self, light: &Illumination, on_gpu: bool) -> Option<SkippedWork> {
         if !light.emitters.is_empty() {
-            let why = "preset paper has one light for all surfels: lights are as they are seen from the object's middle";
+            let why = "preset paper has one light for all Gaussians: lights are as they are seen from the object's middle";
             return Some(SkippedWork {
                 max_error: None,
                 ..SkippedWork::exact(Stage::Transfer, "how near lights are", why)

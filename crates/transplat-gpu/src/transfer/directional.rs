@@ -137,7 +137,7 @@ impl GpuDirectional {
         let chunk = chunk
             .min(CHUNK)
             .min(EVERY_BINDING / (12 * asset.nodes.count()));
-        context.check_fits("what the surfels radiate", 32 * n)?;
+        context.check_fits("what the Gaussians radiate", 32 * n)?;
         ResidentTracer::check_fits(context, &asset.bake.tracer)?;
         let directions: Vec<[f32; 4]> = directions()
             .iter()

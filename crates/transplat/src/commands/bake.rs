@@ -30,7 +30,7 @@ pub fn bake(args: &BakeArgs, summary: &mut Summary) -> Result<String> {
     })?;
     summary.set("output", args.output.display().to_string());
     Ok(format!(
-        "wrote {} for preset {}: {} surfels of {} bytes, {} directions; {} normals turned, {} two-sided, {} buried",
+        "wrote {} for preset {}: {} Gaussians of {} bytes, {} directions; {} normals turned, {} two-sided, {} buried",
         args.output.display(),
         bake.method().preset(),
         bake.len(),

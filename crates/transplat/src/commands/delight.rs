@@ -74,7 +74,7 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     summary.set("metallic_share", metallic);
     summary.set("output", args.output.display().to_string());
     summary.finish(&format!(
-        "wrote {}: whitest albedo {:.2}, {:.1} % of the surfels metal, {:.1} % shining by themselves",
+        "wrote {}: whitest albedo {:.2}, {:.1} % of the Gaussians metal, {:.1} % shining by themselves",
         args.output.display(),
         whitest * gain,
         100.0 * metallic,

@@ -324,7 +324,7 @@ impl Headless {
         }
         if prepared.dark_share() > 0.05 {
             summary.warn(format!(
-                "{:.0} % of the surfels lie in a source light darker than epsilon; their relit colour follows epsilon more than the light",
+                "{:.0} % of the Gaussians lie in a source light darker than epsilon; their relit colour follows epsilon more than the light",
                 100.0 * prepared.dark_share()
             ));
         }

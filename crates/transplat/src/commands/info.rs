@@ -66,7 +66,7 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             summary.set("directions", header.directions);
             summary.set("geometry_key", format!("{:016x}", header.geometry_key));
             lines.push(format!(
-                "bake for preset {} of {} surfels, {} directions, geometry {:016x}",
+                "bake for preset {} of {} Gaussians, {} directions, geometry {:016x}",
                 header.method.preset(),
                 header.surfels,
                 header.directions,
@@ -237,14 +237,9 @@ fn asset(cloud: &SurfelCloud, file: &SplatFile, summary: &mut Summary, lines: &m
     summary.set("properties", found.properties.clone());
     summary.set("comments", found.comments.clone());
     lines.push(format!(
-        "{kind} splat in {}, {} {}, SH degree {}",
+        "{kind} splat in {}, {} Gaussians, SH degree {}",
         found.format,
         cloud.len(),
-        if found.kind == SplatKind::Surfels2d {
-            "surfels"
-        } else {
-            "Gaussians"
-        },
         cloud.sh_degree
     ));
     let why = if found.up.is_some() {
@@ -282,7 +277,7 @@ fn asset(cloud: &SurfelCloud, file: &SplatFile, summary: &mut Summary, lines: &m
     let median_opacity = quantile(cloud.opacities.clone(), 0.5).unwrap_or(0.0);
     summary.set("median_opacity", median_opacity);
     lines.push(format!(
-        "median opacity {median_opacity:.3}; {faint} surfels nearly transparent"
+        "median opacity {median_opacity:.3}; {faint} Gaussians nearly transparent"
     ));
     if let Some(flatness) = found.median_flatness {
         summary.set("median_flatness", flatness);
@@ -298,7 +293,7 @@ fn asset(cloud: &SurfelCloud, file: &SplatFile, summary: &mut Summary, lines: &m
     let is_far = |p: &&Vec3| p.distance(bounds.center) > 1.5 * bounds.radius;
     let far = cloud.positions.iter().filter(is_far).count();
     if far > 0 {
-        summary.warn(format!("{far} surfels float far outside of the object"));
+        summary.warn(format!("{far} Gaussians float far outside of the object"));
     }
     for warning in asset_warnings(&file.path, file) {
         summary.warn(warning);

@@ -95,7 +95,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         let devices = devices(args.options.device, &mut summary);
         if parts.contains(&ReportPart::Time) {
             page.paragraph(&format!(
-                "{} surfels of SH degree {}, on {}.",
+                "{} Gaussians of SH degree {}, on {}.",
                 subject.cloud.len(),
                 subject.cloud.sh_degree,
                 device.name()

@@ -384,6 +384,6 @@ impl Parser {
                 .ok_or("an element claims more rows than any file holds")?;
             before.push(element);
         }
-        Err("there is no vertex element; a splat has one row of that element a surfel".into())
+        Err("there is no vertex element; a splat has one row of that element a Gaussian".into())
     }
 }

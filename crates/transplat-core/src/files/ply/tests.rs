@@ -369,7 +369,7 @@ fn numbers_that_are_stored_otherwise_are_read_as_they_are_meant() {
     assert!(report.warnings[0].contains("already exponentiated"));
     assert!((cloud.scales[0].x - 0.05).abs() < 1e-6 && (cloud.opacities[0] - 0.9).abs() < 1e-6);
     let (cloud, report) = load(3.0, [-3.0, -3.0, 0.0]);
-    assert!(report.warnings[0].contains("2D surfels"));
+    assert!(report.warnings[0].contains("2D Gaussians"));
     assert!(cloud.thicknesses.iter().all(|t| t.is_flat()));
 }
 

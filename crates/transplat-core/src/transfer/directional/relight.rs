@@ -145,11 +145,11 @@ impl Relight for DirectionalTransfer {
         let asked = asset.neighbors.asked().len();
         if asked < n {
             let told = 100.0 * (n - asked) as f32 / n as f32;
-            let why = format!("{told:.0} % of the surfels follow their neighbours");
+            let why = format!("{told:.0} % of the Gaussians follow their neighbours");
             out.push(SkippedWork {
                 skip: Some(Optimization::SharedLobes),
                 max_error: Some(SHARED_LOBES_ERROR),
-                ..SkippedWork::exact(Stage::Prepare, "what each surfel is made of", why)
+                ..SkippedWork::exact(Stage::Prepare, "what each Gaussian is made of", why)
             });
         }
         if self.settings.terms.lobe
@@ -161,7 +161,7 @@ impl Relight for DirectionalTransfer {
         {
             let (what, why) = if self.specular_surfels > 0 {
                 let diffuse = 100.0 * (n - self.specular_surfels) as f32 / n as f32;
-                let what = format!("the lobe of {diffuse:.0} % of the surfels");
+                let what = format!("the lobe of {diffuse:.0} % of the Gaussians");
                 (what, "their colour shows no visible highlights")
             } else if self.trust < 1.0 {
                 let why = "reflections cannot be separated from paint without the capture light";
@@ -183,7 +183,7 @@ impl Relight for DirectionalTransfer {
             });
         }
         if self.turns() < TURNS && self.settings.terms.bounce && self.settings.terms.shadow {
-            let why = "no light bounces between surfels";
+            let why = "no light bounces between Gaussians";
             out.push(SkippedWork {
                 skip: Some(Optimization::Bounces),
                 ..SkippedWork::exact(Stage::Transfer, "turns of the bounce", why)
