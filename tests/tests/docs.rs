@@ -88,14 +88,14 @@ fn commands() -> Vec<String> {
     names.collect()
 }
 
-/// Words that an artist would not search for; the page of terms has the field's own.
+/// Words that an artist would not search for.
 const BANNED: &str = "surfel surfels told tell tells doubt doubts beam beams veil veils shelf picture pictures film films gloss shine shines \
     faint awaited asset";
 
 /// Most words of a sentence.
 const LONGEST: usize = 25;
 
-/// Texts for users: of the window, and of the manual without its code and tables of terms.
+/// Texts for users: of the window, the README and the guide, without code.
 fn texts() -> Vec<(String, String)> {
     let window = root().join("assets/languages/transplat.pot");
     let quoted = |line: &str| {

@@ -52,11 +52,11 @@ pub struct BakeRequest {
     pub optimizations: Optimizations,
     /// Whole that the cloud was cut out of.
     pub part_of: Option<PartOf>,
-    /// Where the bake is saved; none where it is not.
+    /// Place that the bake is saved in; none where it is not saved.
     pub place: Option<BakePlace>,
 }
 
-/// Place of what is made of a splat: in the user's cache, or beside the splat. What is in the other place is read, too.
+/// Place of the bakes of a splat: the user's cache, or the splat's folder. Both are read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BakePlace {
     /// File of the splat.

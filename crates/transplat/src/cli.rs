@@ -284,7 +284,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "PHOTO|DIR", conflicts_with = "background")]
     pub plate: Option<PathBuf>,
     /// View or channel [default: after]
-    #[arg(long, value_parser = parse_named::<View>, value_name = "after|before|split|side-by-side|difference|diffuse|specular|normals|depth|visibility|albedo|glow|tau|doubts")]
+    #[arg(long, value_parser = parse_named::<View>, value_name = "after|before|split|side-by-side|difference|diffuse|specular|normals|depth|visibility|albedo|emission|tau|confidence")]
     pub view: Option<View>,
     /// Tone curve [default: srgb]
     #[arg(long, value_parser = parse_named::<ToneMap>, value_name = "srgb|neutral|agx|aces|none")]

@@ -85,10 +85,7 @@ fn app_image(tree: &Path, name: &str) -> Result<Option<String>, String> {
         &packed.join("AppRun"),
         "#!/bin/sh\nexec \"$(dirname \"$(readlink -f \"$0\")\")/usr/bin/transplat\" \"$@\"\n",
     )?;
-    must(
-        &format!("chmod 755 {folder}/AppRun {folder}/usr/bin/transplat"),
-        &[],
-    )?;
+    must(&format!("chmod 755 {folder}/AppRun"), &[])?;
     let image = format!("{OUT}/{name}.AppImage");
     must(
         &format!("appimagetool --no-appstream {folder} {image}"),

@@ -47,7 +47,7 @@ impl Project {
     fn add_in_room(&mut self, asset: PathBuf, small: f32) {
         self.add(Object {
             asset: Some(asset),
-            // Nothing is told of it.
+            // Its capture light is unknown.
             source: EnvironmentLight::of(ESTIMATE),
             transform: Transform {
                 translation: self.pose.pivot,
@@ -78,7 +78,7 @@ impl Project {
         transform.translation += middle - place(transform);
     }
 
-    /// Where an object is that a splat is opened in the place of, in a scene of several.
+    /// Bounds of the object that an opened splat replaces, in a scene of several.
     pub(crate) fn replaced(
         &self,
         at: usize,
@@ -182,13 +182,11 @@ impl Project {
         if !ratio.is_finite() || ratio <= 0.0 || OTHER_UNITS.contains(&ratio) {
             return own;
         }
-        let transform = &mut self.scene.objects[at].transform;
+        let last = self.scene.objects[at].transform.scale;
         let (low, high) = SCALES.into_inner();
-        let scale = (transform.scale / ratio).clamp(low, high);
-        let factor = scale / transform.scale;
-        transform.scale = scale;
-        // About its middle.
-        transform.translation = own.center + factor * (transform.translation - own.center);
+        let scale = (last / ratio).clamp(low, high);
+        let factor = scale / last;
+        self.scale_about_middle(at, scale);
         let times = if ratio > 1.0 { ratio } else { 1.0 / ratio };
         let times = if times < 100.0 {
             format!("{times:.0}")

@@ -47,7 +47,7 @@ impl Project {
 
     /// Shows a splat in the place of an object.
     pub fn replace_object(&mut self, at: usize, path: PathBuf) {
-        // Nothing is told of it: its light is estimated.
+        // Its capture light is unknown.
         let object = Object {
             source: EnvironmentLight::of(ESTIMATE),
             ..Object::default()

@@ -243,7 +243,7 @@ fn estimated_near(
     };
     let bake = || bake::bake(&headless.shots.device, &wanted, &no_progress);
     let Bake::Directional(bake) = summary.time("bake", bake)? else {
-        bail!("the bake is for the other preset");
+        bail!("the bake is for the other method");
     };
     let estimate = || estimate_light(&wanted.cloud, &bake, &no_progress);
     let estimate = summary.time("estimate", estimate)?;

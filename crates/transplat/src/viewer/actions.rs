@@ -132,10 +132,7 @@ impl Viewer {
             Action::OpenFolder => ask(session, Dialog::OpenFolder),
             Action::New => self.replace_scene(NextScene::Empty),
             Action::Save => self.save_document(None),
-            Action::SaveAs => {
-                self.document.next = None;
-                self.ask_where(SaveKind::Look, "json");
-            }
+            Action::SaveAs => self.ask_where(SaveKind::Look, "json"),
             Action::ExportSplat => self.ask_where(SaveKind::Splat, self.splat_ending()),
             Action::Screenshot => self.export(Task::Screenshot(None)),
             Action::Copy => self.export(Task::Clipboard),
@@ -222,7 +219,6 @@ impl Viewer {
             _ => {
                 self.to_add.clear();
                 self.to_open.clear();
-                self.document.next = None;
             }
         }
     }

@@ -1,16 +1,13 @@
-//! Documents and autosaves of the viewer: saving, replacing, restoring.
+//! Autosaves, the work of the last session, and the document of the viewer: saved, replaced, restored.
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant, SystemTime};
 
-use transplat_core::files::{is_same_file, load_look};
+use transplat_core::files::{is_same_file, load_look, save_look};
 use transplat_core::scene::Scene;
 
 use super::app::Viewer;
-use super::document::{
-    AUTOSAVE_AFTER, Autosave, NextScene, autosave_file, autosaves_in, differs, document_of,
-    forget_old_autosaves, keep, keep_document,
-};
+use super::document::{NextScene, differs};
 use super::history::History;
 use super::questions::Question;
 use super::session::SaveKind;
@@ -18,6 +15,20 @@ use transplat_engine::bundled::{BUNDLED_SPLAT, bundled};
 use transplat_engine::jobs::Kind;
 use transplat_engine::language::{tr, tr_format};
 use transplat_engine::project::TARGET;
+
+/// Beginning of the names of autosaves. They lie beside the work: its paths are relative.
+const AUTOSAVE: &str = "autosave ";
+
+/// Autosaves that are kept, and the time from one to the next.
+const MOST_AUTOSAVES: usize = 20;
+const AUTOSAVE_AFTER: Duration = Duration::from_secs(600);
+
+/// Work that was saved by itself.
+pub struct Autosave {
+    pub path: PathBuf,
+    pub name: String,
+    pub age: Duration,
+}
 
 impl Viewer {
     /// Title of the window: the document's name, with a star where something is not saved.
@@ -54,13 +65,11 @@ impl Viewer {
         if self.document.coming.is_some() {
             return self.session.info(tr("The scene is still loading."));
         }
+        self.document.next = next;
         match self.document.path.clone() {
             Some(path) => self.save_to(&path, SaveKind::Look, true),
             None => self.ask_where(SaveKind::Look, "json"),
         }
-        self.document.next = next;
-        // It is saved already where its file was known.
-        self.show_what_waited();
     }
 
     /// Shows the scene that waited for the work to be saved, if it is.
@@ -145,9 +154,9 @@ impl Viewer {
         let Some(path) = self.work.clone().filter(|path| path.is_file()) else {
             return false;
         };
-        let first_asset = |scene: &Scene| scene.objects.iter().find_map(|o| o.asset.clone());
+        let first_splat = |scene: &Scene| scene.objects[0].asset.clone();
         let read = load_look(&path);
-        let why = match read.as_ref().map(first_asset) {
+        let why = match read.as_ref().map(first_splat) {
             Ok(Some(asset)) if asset.is_file() => {
                 let document = document_of(&path);
                 let is_saved = document.as_ref().is_some_and(|file| {
@@ -209,7 +218,7 @@ impl Viewer {
             return true;
         }
         let file = autosave_file(&work, &self.document_name());
-        if let Err(why) = keep(&file, &scene) {
+        if let Err(why) = save_in_folder(&file, &scene) {
             let text = tr_format!(
                 "Could not autosave {file}: {why}",
                 file = file.display(),
@@ -248,8 +257,8 @@ impl Viewer {
         if self.kept_work.as_ref() == Some(&scene) {
             return;
         }
-        let kept = keep(&path, &scene).and_then(|()| {
-            keep_document(&path, self.document.path.as_deref()).map_err(|why| why.to_string())
+        let kept = save_in_folder(&path, &scene).and_then(|()| {
+            note_document(&path, self.document.path.as_deref()).map_err(|why| why.to_string())
         });
         self.kept_work = Some(scene);
         if let Err(why) = kept {
@@ -272,4 +281,102 @@ impl Viewer {
 fn first_splat(look: &Path) -> Option<PathBuf> {
     let scene = load_look(look).ok()?;
     scene.objects.into_iter().next()?.asset
+}
+
+/// Saves a scene, in a folder that is made where it is missing.
+fn save_in_folder(path: &Path, scene: &Scene) -> Result<(), String> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).map_err(|why| format!("{}: {why}", folder.display()))?;
+    save_look(path, scene).map_err(|why| why.to_string())
+}
+
+/// File beside the work that names the document it is of.
+fn document_note(work: &Path) -> PathBuf {
+    work.with_extension("document")
+}
+
+/// Notes the document that the work is of.
+fn note_document(work: &Path, document: Option<&Path>) -> std::io::Result<()> {
+    let note = document_note(work);
+    match document {
+        Some(document) => std::fs::write(note, document.display().to_string()),
+        None if note.exists() => std::fs::remove_file(note),
+        None => Ok(()),
+    }
+}
+
+/// Document that the work is of.
+fn document_of(work: &Path) -> Option<PathBuf> {
+    let text = std::fs::read_to_string(document_note(work)).ok()?;
+    Some(PathBuf::from(text))
+}
+
+/// File of a new autosave beside the work.
+fn autosave_file(work: &Path, name: &str) -> PathBuf {
+    let is_plain = |c: char| c.is_alphanumeric() || " -_.".contains(c);
+    let name: String = name.chars().filter(|c| is_plain(*c)).take(60).collect();
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    let made = now.unwrap_or_default().as_millis();
+    work.with_file_name(format!("{AUTOSAVE}{made:015} {name}.json"))
+}
+
+/// Forgets the oldest autosaves; one that cannot be removed stays.
+fn forget_old_autosaves(work: &Path) {
+    let all = work.parent().map(autosaves_in).unwrap_or_default();
+    for old in all.iter().skip(MOST_AUTOSAVES) {
+        let _ = std::fs::remove_file(&old.path);
+    }
+}
+
+/// Autosaves in a folder, the newest first.
+fn autosaves_in(folder: &Path) -> Vec<Autosave> {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut all: Vec<Autosave> = files
+        .filter_map(|file| {
+            let path = file.path();
+            let stem = path.file_stem()?.to_string_lossy().into_owned();
+            let (since, name) = stem.strip_prefix(AUTOSAVE)?.split_once(' ')?;
+            let made = Duration::from_millis(since.parse().ok()?);
+            let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+            Some(Autosave {
+                name: name.to_owned(),
+                age: now.ok()?.saturating_sub(made),
+                path,
+            })
+        })
+        .collect();
+    // The names begin with the time, whatever the clock says now.
+    all.sort_by(|a, b| b.path.cmp(&a.path));
+    all
+}
+
+/// Age of something in words.
+pub fn age_in_words(age: Duration) -> String {
+    match age.as_secs() / 60 {
+        0 => tr("just now").into(),
+        minutes @ 1..60 => tr_format!("{minutes} min ago", minutes = minutes),
+        minutes @ 60..1440 => tr_format!("{hours} h ago", hours = minutes / 60),
+        minutes => tr_format!("{days} d ago", days = minutes / 1440),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn autosaves_are_few_and_the_newest_is_first() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let work = folder.path().join("work.json");
+        for i in 0..2 * MOST_AUTOSAVES {
+            std::fs::write(autosave_file(&work, "a/teapot"), format!("{i}")).expect("room");
+            forget_old_autosaves(&work);
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let all = autosaves_in(folder.path());
+        assert_eq!(all.len(), MOST_AUTOSAVES);
+        let newest = std::fs::read_to_string(&all[0].path).expect("it is there");
+        assert_eq!(newest, format!("{}", 2 * MOST_AUTOSAVES - 1));
+        assert_eq!(all[0].name, "ateapot");
+    }
 }

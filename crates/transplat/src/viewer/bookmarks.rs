@@ -183,7 +183,7 @@ impl Thumbnails {
             session.project.keep_look();
         }
         if session.project.scene.variants.is_empty() {
-            empty(
+            explain_empty(
                 ui,
                 tr("Saved looks appear here, to return to and to compare."),
             );
@@ -226,7 +226,7 @@ impl Thumbnails {
             session.keep_view();
         }
         if session.project.scene.bookmarks.is_empty() {
-            empty(ui, tr("Saved views appear here."));
+            explain_empty(ui, tr("Saved views appear here."));
         }
         match wished {
             Some((at, Wish::Show)) => session.show_view(at),
@@ -393,7 +393,7 @@ fn paint_badge(ui: &Ui, rect: Rect, text: &str) {
 }
 
 /// Says what an empty page is for.
-fn empty(ui: &mut Ui, text: &str) {
+fn explain_empty(ui: &mut Ui, text: &str) {
     ui.vertical(|ui| {
         ui.add_space(NAME_HEIGHT + 0.4 * THUMBNAIL.y);
         ui.weak(text);

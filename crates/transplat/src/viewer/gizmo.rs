@@ -242,7 +242,7 @@ impl Gizmo {
         screen: Screen<'_>,
     ) -> bool {
         let from = session.object().transform;
-        self.drag = place_of(session, from, screen).map(|_| GizmoDrag {
+        self.drag = view_of(session, from, screen).map(|_| GizmoDrag {
             handle: match by {
                 KeyedTransform::Move => GizmoHandle::Shift,
                 KeyedTransform::Rotate => GizmoHandle::Roll,
@@ -286,7 +286,7 @@ impl Gizmo {
             return;
         };
         // What is held is where it was when it was taken.
-        let Some(view) = place_of(session, drag.from, screen) else {
+        let Some(view) = view_of(session, drag.from, screen) else {
             return;
         };
         let radius = session.project.scene_bounds().map_or(1.0, |b| b.radius);
@@ -315,14 +315,14 @@ impl Gizmo {
     }
 }
 
-/// Where the handles are of the selected object, placed like that; none where they are not shown.
+/// Handles of the selected object, placed like that, where they are shown.
 fn view<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<GizmoView<'a>> {
     let shows = session.overlays.handles && session.project.is_composed();
-    place_of(session, place, screen).filter(|_| shows)
+    view_of(session, place, screen).filter(|_| shows)
 }
 
-/// Where the selected object is on the screen, placed like that; none where it cannot be moved.
-fn place_of<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<GizmoView<'a>> {
+/// Handles of the selected object on the screen, placed like that; none where it cannot be moved.
+fn view_of<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<GizmoView<'a>> {
     let is_free = session.object().shown && !session.object().locked;
     let bounds = session.asset().map(|a| a.bounds).filter(|_| is_free)?;
     let middle = place.scene_from_object().transform_point3(bounds.center);

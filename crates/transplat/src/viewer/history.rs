@@ -287,19 +287,21 @@ fn in_words(path: &str, value: Option<String>) -> String {
     }
 }
 
+/// The one more that the first list has, if the others are all in the second, in their order.
+fn one_more<'a, T: PartialEq>(these: &'a [T], others: &[T]) -> Option<&'a T> {
+    let same = these.iter().zip(others).take_while(|(a, b)| a == b).count();
+    let rest = these.get(same + 1..)?;
+    (rest == &others[same..]).then(|| &these[same])
+}
+
 /// Differences of the objects, in words; of several, each is named.
 fn changed_objects(before: &[Object], after: &[Object]) -> Vec<String> {
     let called = |object: &Object| object.called().unwrap_or_else(|| tr("object").into());
-    let one_more = |these: &[Object], others: &[Object]| {
-        let same = these.iter().zip(others).take_while(|(a, b)| a == b).count();
-        let rest = these.get(same + 1..)?;
-        (rest == &others[same..]).then(|| called(&these[same]))
-    };
-    if let Some(name) = one_more(after, before) {
-        return vec![tr_format!("{name}: added", name = name)];
+    if let Some(added) = one_more(after, before) {
+        return vec![tr_format!("{name}: added", name = called(added))];
     }
-    if let Some(name) = one_more(before, after) {
-        return vec![tr_format!("{name}: removed", name = name)];
+    if let Some(removed) = one_more(before, after) {
+        return vec![tr_format!("{name}: removed", name = called(removed))];
     }
     if before.len() != after.len() {
         return vec![tr("objects").into()];
@@ -324,17 +326,11 @@ fn changed_objects(before: &[Object], after: &[Object]) -> Vec<String> {
 
 /// Differences of the placed lights, in words.
 fn changed_lights(before: &[Light], after: &[Light]) -> Vec<String> {
-    // The one more that the first list has, if the others are all in the second, in their order.
-    let one_more = |these: &[Light], others: &[Light]| {
-        let same = these.iter().zip(others).take_while(|(a, b)| a == b).count();
-        let rest = these.get(same + 1..)?;
-        (rest == &others[same..]).then(|| called(&these[same]).to_owned())
-    };
-    if let Some(name) = one_more(after, before) {
-        return vec![tr_format!("{name}: added", name = name)];
+    if let Some(added) = one_more(after, before) {
+        return vec![tr_format!("{name}: added", name = called(added))];
     }
-    if let Some(name) = one_more(before, after) {
-        return vec![tr_format!("{name}: removed", name = name)];
+    if let Some(removed) = one_more(before, after) {
+        return vec![tr_format!("{name}: removed", name = called(removed))];
     }
     if before.len() != after.len() {
         return vec![tr("placed lights").into()];

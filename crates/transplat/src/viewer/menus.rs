@@ -10,7 +10,8 @@ use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_core::surfels::SurfelFilter;
 
 use super::app::Viewer;
-use super::document::{Autosave, NextScene, age_in_words};
+use super::autosave::{Autosave, age_in_words};
+use super::document::NextScene;
 use super::export::task::Task;
 use super::files::{PathField, ask};
 use super::gestures::NavigationPreset;

@@ -17,7 +17,7 @@ use super::export::task::Task;
 use super::files::path_as_typed;
 use super::navigation;
 use super::probes::{BallEnvironment, MAP_WIDTH, ProbeBall, ProbeKey};
-use super::questions::question;
+use super::questions::modal;
 use super::session::{Dialog, Message, SIDES, SaveKind, Session};
 use super::shortcuts::{self, Action, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
@@ -340,7 +340,6 @@ impl Viewer {
         if project.has_asset() || project.is_loading_asset() {
             return;
         }
-        let mut next = None;
         egui::Area::new(egui::Id::unique("empty"))
             .pivot(egui::Align2::CENTER_CENTER)
             .fixed_pos(self.viewport.rect.center())
@@ -357,16 +356,13 @@ impl Viewer {
                     );
                     ui.add_space(8.0);
                     if ui.button(tr("Open…")).clicked() {
-                        next = Some(Action::Open);
+                        self.act(Action::Open, false);
                     }
                     if ui.button(tr("Open the teapot")).clicked() {
                         self.replace_scene(NextScene::Bundled(BUNDLED_SPLAT));
                     }
                 });
             });
-        if let Some(action) = next {
-            self.act(action, false);
-        }
     }
 
     /// Tells how the light is turned, until it was.
@@ -563,7 +559,7 @@ impl Viewer {
         };
         let of_export = |job: &&Job| job.kind == Kind::Export && !job.is_cancelled();
         let count = self.session.jobs.running().iter().filter(of_export).count();
-        let asked = question("quit").show(context, |ui| {
+        let asked = modal("quit").show(context, |ui| {
             ui.label(match count {
                 _ if quitting.waits => tr("The window closes once all is saved.").into(),
                 0 | 1 => tr("An export is still running.").into(),

@@ -33,14 +33,14 @@ pub enum Answer {
 }
 
 /// Window of a question: nothing lies over it.
-pub fn question(name: &str) -> egui::Modal {
+pub fn modal(name: &str) -> egui::Modal {
     egui::Modal::new(egui::Id::unique(name))
 }
 
 impl Question {
     /// Shows the question about the named work and the named selected object. Yields the answer once there is one.
     pub fn ask(&self, context: &egui::Context, work: &str, selected: &str) -> Option<Answer> {
-        let window = question("question").show(context, |ui| {
+        let window = modal("question").show(context, |ui| {
             ui.set_max_width(420.0);
             match self {
                 Self::Overwrite(path, _) => {

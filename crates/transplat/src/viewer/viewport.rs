@@ -79,15 +79,14 @@ pub struct Viewport {
     pub light_was_turned: bool,
     gizmo: Gizmo,
     lights: LightHandles,
-    /// Transform that a key asks for, and the one that follows the pointer.
+    /// Transform that a key asks for.
     pub asked_transform: Option<KeyedTransform>,
-    transform: Option<KeyedTransform>,
+    /// True while it follows the pointer.
+    is_transforming: bool,
     /// Way that the next drag places a light.
     pub placing: Option<Placing>,
-    /// True where a transform of a key ended in this frame.
-    ended_transform: bool,
-    /// True where the click of this frame placed one.
-    was_placed: bool,
+    /// True where the click of this frame placed a light or ended a transform.
+    is_click_taken: bool,
     /// True where the pointer was on anything that a light could be placed by, since it was pressed.
     has_met: bool,
     /// Frame whose time quality was last set by.
@@ -108,10 +107,9 @@ impl Default for Viewport {
             gizmo: Gizmo::default(),
             lights: LightHandles::default(),
             asked_transform: None,
-            transform: None,
+            is_transforming: false,
             placing: None,
-            ended_transform: false,
-            was_placed: false,
+            is_click_taken: false,
             has_met: false,
             judged: 0,
         }
@@ -300,18 +298,18 @@ impl Viewport {
 
     /// True while something is being dragged, or follows the pointer.
     pub fn is_dragging(&self) -> bool {
-        self.gestures.held().is_some() || self.transform.is_some()
+        self.gestures.held().is_some() || self.is_transforming
     }
 
     /// True while a transform follows the pointer.
     pub fn is_transforming(&self) -> bool {
-        self.transform.is_some()
+        self.is_transforming
     }
 
     /// Ends a transform that follows the pointer: what it moved stays.
     pub fn end_transform(&mut self) {
         self.asked_transform = None;
-        self.transform = None;
+        self.is_transforming = false;
     }
 
     /// Begins the transform that a key asked for, and lets it follow the pointer up to a click, Enter or Esc.
@@ -334,9 +332,9 @@ impl Viewport {
                 true => by == KeyedTransform::Move && self.lights.hold_light(session, at, screen),
                 false => self.gizmo.hold_object(session, by, at, screen),
             };
-            self.transform = holds.then_some(by);
+            self.is_transforming = holds;
         }
-        if self.transform.is_none() {
+        if !self.is_transforming {
             return;
         }
         let key = |key| ui.input(|i| i.key_pressed(key));
@@ -358,20 +356,19 @@ impl Viewport {
             self.lights.cancel(session);
         }
         if cancels || key(Key::Enter) || ui.input(|i| i.pointer.primary_pressed()) {
-            self.transform = None;
-            self.ended_transform = true;
+            self.is_transforming = false;
         }
     }
 
     /// Takes the pointer's events of this frame, in their order.
     fn follow_pointer(&mut self, ui: &Ui, session: &mut Session) {
         let mut has_placed = false;
-        self.was_placed = false;
-        self.ended_transform = false;
+        self.is_click_taken = false;
+        let was_transforming = self.is_transforming;
         self.follow_transform(ui, session);
         for event in ui.input(|i| i.events.clone()) {
             if let Some(press) = self.gestures.press(&event) {
-                if self.transform.is_some() || self.ended_transform {
+                if self.is_transforming || was_transforming {
                     // The press ends the transform, and its click selects nothing.
                     self.gestures.begin(Gesture::EndTransform, press);
                     continue;
@@ -389,14 +386,14 @@ impl Viewport {
             }
             if self.gestures.held().is_none() {
                 has_placed |= held == Some(Gesture::Place);
-                self.was_placed |= held == Some(Gesture::EndTransform);
+                self.is_click_taken |= held == Some(Gesture::EndTransform);
             }
         }
-        self.was_placed |= has_placed;
+        self.is_click_taken |= has_placed;
         self.gestures
             .hold_only(|button| ui.input(|i| i.pointer.button_down(button)));
         let held = self.gestures.held();
-        let follows = self.transform.is_some();
+        let follows = self.is_transforming;
         if held != Some(Gesture::Handle) && !follows {
             self.gizmo.let_go();
         }
@@ -603,7 +600,7 @@ impl Viewport {
                     navigation::set_pivot(&mut session.project.pose, up, pick.position);
                 }
             }
-        } else if response.clicked() && !self.was_placed && !ui.input(|i| i.modifiers.shift) {
+        } else if response.clicked() && !self.is_click_taken && !ui.input(|i| i.modifiers.shift) {
             let at = response.interact_pointer_pos();
             let picked = at.and_then(|at| self.picked(session, at));
             if let Some((object, _)) = picked {

@@ -92,10 +92,19 @@ impl Project {
         }
     }
 
+    /// Place of the bakes of an object's splat.
+    pub(super) fn bake_place(&self, at: usize) -> Option<BakePlace> {
+        let asset = self.states[at].asset.as_ref()?;
+        Some(BakePlace {
+            splat: asset.path.clone(),
+            is_beside: self.bakes_are_beside,
+        })
+    }
+
     fn bake(&mut self, at: usize, method: Method, what: &str) {
         self.cancel_bakes(at);
         let key = self.bake_key(method);
-        let is_beside = self.bakes_are_beside;
+        let place = self.bake_place(at);
         let state = &mut self.states[at];
         let Some(asset) = &state.asset else {
             return;
@@ -113,20 +122,14 @@ impl Project {
         // The paper's bake of a part cannot be told from that of the whole.
         let is_saved = is_seen && (asset.part.is_none() || method == Method::Directional);
         let part = asset.part.clone();
-        let (part, path) = (
-            part.filter(|_| method == Method::Directional),
-            asset.path.clone(),
-        );
+        let part = part.filter(|_| method == Method::Directional);
         let mut wanted = BakeRequest {
             cloud: asset.cloud.clone(),
             method,
             directions: key,
             optimizations: self.scene.transfer.optimizations,
             part_of: None,
-            place: is_saved.then(|| BakePlace {
-                splat: path.clone(),
-                is_beside,
-            }),
+            place: place.filter(|_| is_saved),
         };
         let label = tr_format!(
             "baking {what} of {asset}",

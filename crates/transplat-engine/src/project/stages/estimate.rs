@@ -5,7 +5,6 @@ use std::sync::Arc;
 use transplat_core::estimate::estimate_light;
 use transplat_core::settings::Method;
 
-use crate::bake::BakePlace;
 use crate::environments::Environment;
 use crate::estimate::{make_and_keep, why_not};
 use crate::jobs::{Handle, Kind, Work};
@@ -61,6 +60,7 @@ impl Project {
             self.report_if_broken_off(at);
             return;
         }
+        let place = self.bake_place(at);
         let state = &mut self.states[at];
         let own = state.whole_directional_bake();
         let part = state.asset.as_ref().and_then(|a| a.part.as_ref());
@@ -69,16 +69,12 @@ impl Project {
             Some(part) => own.and_then(|_| part.capture.known_bake()),
             None => own,
         };
-        let (Some(asset), Some(bake)) = (&state.asset, bake) else {
+        let (Some(asset), Some(bake), Some(place)) = (&state.asset, bake, place) else {
             self.report_if_broken_off(at);
             return;
         };
         state.estimate.ask(&());
         let (cloud, id) = (asset.whole_cloud().clone(), state.id);
-        let place = BakePlace {
-            splat: asset.path.clone(),
-            is_beside: self.bakes_are_beside,
-        };
         let label = tr_format!("estimating the light of {}", asset.name());
         let kind = Kind::Of(id, Work::Estimate);
         let is_kept = self.canvas.is_some();

@@ -98,7 +98,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
     ui.separator();
     let proposed = viewer.session.asset().and_then(|a| a.proposed_crop);
-    hide(ui, &mut viewer.session.object_mut().hide, proposed);
+    if hide(ui, &mut viewer.session.object_mut().hide, proposed) {
+        let at = viewer.session.selected;
+        viewer.session.project.crop_to_object(at);
+    }
     cut(ui, &mut viewer.session);
     ui.separator();
     inspected(ui, viewer);
@@ -164,7 +167,9 @@ fn noise(ui: &mut Ui, session: &Session) {
     }
 }
 
-fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
+/// Filters of what is drawn; whether it is to be cropped to the object.
+fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) -> bool {
+    let mut crops = false;
     ui.label(tr("Hide (nothing is edited)"));
     Control {
         label: tr("Min. opacity"),
@@ -189,9 +194,7 @@ fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
     if let Some([low, high]) = proposed {
         let is_it = hide.crop && (hide.crop_min, hide.crop_max) == (low, high);
         let tip = tr("Crops to what was photographed from all sides.");
-        if !is_it && button(ui, tr("Crop to the object"), tip) {
-            (hide.crop, hide.crop_min, hide.crop_max) = (true, low, high);
-        }
+        crops = !is_it && button(ui, tr("Crop to the object"), tip);
     }
     if hide.crop {
         for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
@@ -220,6 +223,7 @@ fn hide(ui: &mut Ui, hide: &mut SurfelFilter, proposed: Option<[Vec3; 2]>) {
     if !hide.is_off() && ui.button(tr("Show everything")).clicked() {
         *hide = SurfelFilter::default();
     }
+    crops
 }
 
 /// Objects that are cut out of a capture.
