@@ -2,14 +2,17 @@
 //!
 //! Neighbours tend to be of the same stuff, and what they differ in is the light on them. The light is the one under which the albedos of
 //! neighbours are most alike. Its logarithm is an SH series, so it is never negative, and the more even light is the more probable
-//! one beforehand: what the object does not tell stays even. How strong the light was, and its tint, no object tells: its mean is taken
-//! to be grey, and the whitest albedo to be a plausible one.
+//! one beforehand: what the object does not tell stays even, and a little brighter above. How strong the light was is told by the whitest
+//! surfaces, which are taken to be as white as things are, and by the light that bounces between surfaces. Its tint no object tells: its
+//! mean is taken to be grey.
 
 mod clusters;
 mod fit;
+mod strength;
 mod sun;
 #[cfg(test)]
 mod tests;
+mod white;
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -58,9 +61,18 @@ const MAP_ROWS: usize = 256;
 /// Radius of the disc that stands for a sun in the map, in degrees: three pixels.
 const DRAWN_SUN: f64 = 2.0;
 
-/// How far an estimate is when the object's clusters are gathered, and when a sky is fitted to them.
+/// Neighbours that a cluster is compared with. Where those differ by [`NOISY`] or more under any light, more tell more: so many, or that
+/// share of all.
+const NEIGHBORS: usize = 24;
+const MANY_NEIGHBORS: usize = 96;
+const MANY_SHARE: f64 = 0.08;
+const NOISY: f64 = 0.15;
+
+/// How far an estimate is when the object's clusters are gathered, when a sky is fitted to them, a sun, and their strength.
 const GATHERED: f64 = 0.1;
-const SKY_FITTED: f64 = 0.4;
+const SKY_FITTED: f64 = 0.3;
+const SUN_FITTED: f64 = 0.7;
+const STRENGTH_FITTED: f64 = 0.9;
 
 /// A light that was estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -164,7 +176,9 @@ pub fn estimate_light(
 ) -> Result<Estimate> {
     let radiance = mean_radiance(cloud, &bake.normals);
     let clusters = Clusters::new(cloud, bake, &radiance);
-    if clusters.len() < FEWEST_CLUSTERS || clusters.pairs.is_empty() {
+    let up = cloud.up.direction();
+    let mut near = Fit::new(&clusters, NEIGHBORS, up);
+    if clusters.len() < FEWEST_CLUSTERS || near.has_nothing() {
         let has_light = radiance.iter().any(|[b, _]| b.iter().any(|v| *v > 0.0));
         let is_black = !has_light && !cloud.is_empty();
         return Ok(Estimate::none(if is_black {
@@ -173,16 +187,34 @@ pub fn estimate_light(
             Obstacle::TooLittle
         }));
     }
-    let fit = Fit::new(&clusters);
-    let sky = fit.run(FittedLight::even(), &part(progress, GATHERED, SKY_FITTED))?;
-    let with_sun = sun::add_sun(&fit, &sky, bake, &part(progress, SKY_FITTED, 1.0))?;
-    Ok(judge(&fit, with_sun.unwrap_or(sky)))
+    let sky_of = |fit: &Fit<'_>| {
+        let step = part(progress, GATHERED, SKY_FITTED);
+        fit.run(FittedLight::even(), &step)
+    };
+    let mut sky = sky_of(&near)?;
+    let mut far = None;
+    if sky.noise.sqrt() >= NOISY {
+        let share = (MANY_SHARE * clusters.len() as f64) as usize;
+        let fit = Fit::new(&clusters, share.clamp(NEIGHBORS, MANY_NEIGHBORS), up);
+        sky = sky_of(&fit)?;
+        far = Some(fit);
+    }
+    let fit = far.as_ref().unwrap_or(&near);
+    let with_sun = sun::add_sun(fit, &sky, bake, &part(progress, SKY_FITTED, SUN_FITTED))?;
+    let Fitted {
+        light, explained, ..
+    } = with_sun.unwrap_or(sky);
+    let even = fit.explain(&FittedLight::even());
+    let step = part(progress, SUN_FITTED, STRENGTH_FITTED);
+    let strength = strength::find(&mut near, &light, explained.strength, &step)?;
+    let mut fit = far.unwrap_or(near);
+    fit.strength = Some(strength);
+    let fitted = fit.run(light, &part(progress, STRENGTH_FITTED, 1.0))?;
+    Ok(judge(&clusters, &even, fitted))
 }
 
-fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
-    let clusters = fit.clusters;
-    let even = fit.explain(&FittedLight::even());
-    let of_even = EstimatedLight::new(&FittedLight::even(), &even);
+fn judge(clusters: &Clusters, even: &Explained, fitted: Fitted) -> Estimate {
+    let of_even = EstimatedLight::new(&FittedLight::even(), even);
     let mean = |value: &dyn Fn(usize) -> f64| -> f64 {
         let each = clusters.mass.iter().enumerate();
         each.map(|(i, m)| m * value(i)).sum()
@@ -231,7 +263,7 @@ fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
 impl EstimatedLight {
     fn new(light: &FittedLight, explained: &Explained) -> Self {
         let scale: [f64; 3] =
-            std::array::from_fn(|c| explained.exposure / explained.mean_radiance[c]);
+            std::array::from_fn(|c| explained.strength / explained.mean_radiance[c]);
         let constant = scale.map(|s| (s.ln() * SQRT_4PI) as f32);
         let bands =
             (0..fit::SKY).map(|k| std::array::from_fn(|c| (light.sky[c][k] * SQRT_4PI) as f32));

@@ -78,7 +78,7 @@ pub fn estimate_in_words(estimate: &Estimate, up: UpAxis) -> String {
         String::new()
     };
     format!(
-        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %; strength and tint are assumed{low_confidence}",
+        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %; its tint is assumed{low_confidence}",
         from.x, from.y, from.z
     )
 }

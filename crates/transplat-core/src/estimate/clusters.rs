@@ -25,9 +25,6 @@ const MOST: usize = 4000;
 /// Surfels that see less of the light than this share hardly tell of it.
 const LEAST_OPENNESS: f32 = 0.02;
 
-/// Neighbours that a cluster is compared with.
-const NEIGHBORS: usize = 24;
-
 /// Difference in chroma at which two clusters are probably not of the same stuff.
 const CHROMA: f64 = 0.06;
 
@@ -68,8 +65,9 @@ pub(super) struct Clusters {
     pub of: Vec<u32>,
     /// Share of each surfel in those of its cluster that are tested for seeing a sun. `[n]`
     pub share: Vec<f32>,
-    /// Pairs of clusters that are compared.
-    pub pairs: Vec<Pair>,
+    positions: Vec<[f32; 3]>,
+    /// Share of all that is seen and lit from both sides, as leaves are.
+    pub two_sided: f64,
 }
 
 /// Two clusters that may be of the same stuff.
@@ -118,7 +116,8 @@ impl Clusters {
             mass: vec![0.0; count],
             share: vec![0.0; of.len()],
             of,
-            pairs: Vec::new(),
+            positions: Vec::new(),
+            two_sided: 0.0,
         };
         for (k, s) in clusters.of.iter().zip(&seen) {
             if let (true, Some(s)) = (*k != NONE, s) {
@@ -126,12 +125,16 @@ impl Clusters {
             }
         }
         let members = clusters.members(&seen);
-        let positions = clusters.average(&members, bake, radiance, &directions);
+        clusters.positions = clusters.average(&members, bake, radiance, &directions);
         let total: f64 = clusters.mass.iter().sum();
         for m in &mut clusters.mass {
             *m /= total;
         }
-        clusters.pairs = clusters.compared(&positions);
+        let two_sided = members.iter().zip(&clusters.mass).map(|(members, mass)| {
+            let of_all = |(i, share): &(u32, f32)| share * bake.two_sided[*i as usize];
+            mass * f64::from(members.iter().map(of_all).sum::<f32>())
+        });
+        clusters.two_sided = two_sided.sum();
         clusters
     }
 
@@ -203,9 +206,9 @@ impl Clusters {
         positions
     }
 
-    /// The nearest clusters of similar chroma.
-    fn compared(&self, positions: &[[f32; 3]]) -> Vec<Pair> {
-        let nearest = Nearest::new(positions, NEIGHBORS);
+    /// Pairs of each cluster and its nearest ones, weighted by how alike they are in chroma.
+    pub fn pairs(&self, neighbors: usize) -> Vec<Pair> {
+        let nearest = Nearest::new(&self.positions, neighbors);
         let least = DARK * self.bright();
         let chroma = |k: usize| {
             let b = self.radiance[k];

@@ -6,14 +6,14 @@ use glam::Vec3;
 use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn};
 use rayon::prelude::*;
 
-use super::clusters::Clusters;
+use super::clusters::{Clusters, Pair};
+use super::white::Neighborhoods;
 use crate::bake::strata::{DIRECTIONS, directions};
 use crate::error::Result;
 use crate::numeric::weighted_quantile;
 use crate::progress::{Progress, tell};
 use crate::settings::Method;
 use crate::sh::{SQRT_4PI, band_of, coefficient_count, evaluate_basis};
-use crate::transfer::materials::{WHITEST, WHITEST_ALBEDO};
 
 /// SH degree of the logarithm of the light.
 pub const DEGREE: usize = 6;
@@ -43,6 +43,9 @@ const VARIANCE_OF_MEDIAN: f64 = 1.27;
 /// Radiance at least, relative to what is bright, where its logarithm is taken.
 const LEAST_RADIANCE: f64 = 1e-4;
 
+/// Mean of the prior of the sky's logarithm along the up axis (basis of mean square 1): the upper half is 2.8 times as bright as the lower.
+const ABOVE: f64 = 0.6;
+
 /// A sun's energy is held by hardly more than the object.
 const SUN_PRECISION: f64 = 1e-3;
 
@@ -68,6 +71,19 @@ impl FittedLight {
         Self {
             sky: std::array::from_fn(|_| vec![0.0; SKY]),
             sun: None,
+        }
+    }
+
+    /// Adds a step of all unknowns `[3][P]`, shortened where it is too long to trust.
+    pub fn change(&mut self, step: &DVector<f64>) {
+        let p = self.unknowns();
+        let shorter = (LONGEST_STEP / step.amax()).min(1.0);
+        for c in 0..3 {
+            let of_sun = self.sun.as_mut().map(|s| &mut s.log_energy[c]);
+            let values = self.sky[c].iter_mut().chain(of_sun);
+            for (value, step) in values.zip(&step.as_slice()[c * p..]) {
+                *value += shorter * step;
+            }
         }
     }
 
@@ -107,8 +123,8 @@ pub(super) struct Explained {
     direct: Vec<[f64; 3]>,
     /// Divisor of the light's radiance that makes its mean 1 in each channel.
     pub mean_radiance: [f64; 3],
-    /// Factor in all, with which the whitest albedo is plausible.
-    pub exposure: f64,
+    /// Mean radiance of the light, in the unit of the pictures: as told to the fit, or such that the whitest albedo is plausible.
+    pub strength: f64,
     /// Logarithm of the irradiance, bounced light included. `[c]`
     pub log_irradiance: Vec<[f64; 3]>,
     /// Residual less that of the radiance: minus the logarithm of the albedo.
@@ -118,9 +134,14 @@ pub(super) struct Explained {
 /// Finds the light of the highest probability.
 pub(super) struct Fit<'a> {
     pub clusters: &'a Clusters,
+    pairs: Vec<Pair>,
+    neighborhoods: Neighborhoods,
+    /// Mean radiance of the light, where that is known.
+    pub strength: Option<f64>,
     /// [`sky_basis`] over the bake's directions. `[SKY][DIRECTIONS]`
     basis: DMatrix<f32>,
-    /// Prior precision of each coefficient about 0. `[SKY]`
+    /// Mean and precision of each coefficient's prior. `[SKY]`
+    prior: Vec<f64>,
     precision: Vec<f64>,
     /// Light from everywhere, as a share of the mean, that no surfel is without: as in the transfer.
     epsilon: f64,
@@ -146,15 +167,26 @@ pub(super) struct Fitted {
 }
 
 impl<'a> Fit<'a> {
-    pub fn new(clusters: &'a Clusters) -> Self {
+    /// A fit to clusters, each compared with so many nearest ones, of a light that comes from above rather than from below.
+    pub fn new(clusters: &'a Clusters, neighbors: usize, up: Vec3) -> Self {
+        let pairs = clusters.pairs(neighbors);
         let columns: Vec<Vec<f64>> = directions().iter().map(|d| sky_basis(*d)).collect();
         let band = |k: usize| band_of(k + 1) as f64;
         Self {
+            neighborhoods: Neighborhoods::new(clusters.len(), &pairs),
+            strength: None,
             clusters,
+            pairs,
+            prior: prior(up),
             basis: DMatrix::from_fn(SKY, DIRECTIONS, |k, j| columns[j][k] as f32),
             precision: (0..SKY).map(|k| band(k) * (band(k) + 1.0)).collect(),
             epsilon: f64::from(Method::Directional.epsilon()),
         }
+    }
+
+    /// True where no two clusters can be compared.
+    pub fn has_nothing(&self) -> bool {
+        self.pairs.is_empty()
     }
 
     pub fn explain(&self, light: &FittedLight) -> Explained {
@@ -190,13 +222,15 @@ impl<'a> Fit<'a> {
             mean_radiance[c] = mean;
             radiance[c] = sky;
         }
-        let exposure = self.exposure(&direct);
+        let strength = self
+            .strength
+            .unwrap_or_else(|| self.plausible_strength(&direct));
         let least = LEAST_RADIANCE * clusters.bright();
         let log_irradiance: Vec<[f64; 3]> = direct
             .iter()
             .zip(&clusters.bounced)
             .map(|(d, b)| {
-                std::array::from_fn(|c| (exposure * (d[c] + self.epsilon * PI) + b[c]).ln())
+                std::array::from_fn(|c| (strength * (d[c] + self.epsilon * PI) + b[c]).ln())
             })
             .collect();
         let residual = log_irradiance
@@ -208,31 +242,27 @@ impl<'a> Fit<'a> {
             radiance,
             direct,
             mean_radiance,
-            exposure,
+            strength,
             log_irradiance,
             residual,
         }
     }
 
-    /// The strength that makes the whitest albedo plausible: each cluster asks for one, and the whitest are those that ask for most.
-    fn exposure(&self, direct: &[[f64; 3]]) -> f64 {
+    /// The strength with which the whitest albedo is plausible.
+    fn plausible_strength(&self, direct: &[[f64; 3]]) -> f64 {
         let clusters = self.clusters;
-        let sum = |v: &[f64; 3]| v.iter().sum::<f64>();
-        let asked = (0..clusters.len()).map(|i| {
-            let left = PI / WHITEST_ALBEDO * sum(&clusters.radiance[i]) - sum(&clusters.bounced[i]);
-            let strength = left / (sum(&direct[i]) + 3.0 * self.epsilon * PI);
-            (strength, clusters.mass[i])
-        });
-        let whitest = weighted_quantile(asked.collect(), f64::from(WHITEST));
+        let lit = direct.iter().map(|d| d.map(|v| v + self.epsilon * PI));
+        let strength = self
+            .neighborhoods
+            .plausible_strength(clusters, &lit.collect::<Vec<_>>());
         // Where blocking surfels are so bright that they explain everything, some direct light is left.
-        whitest.map_or(1.0, |g| g.max(1e-3 * clusters.bright()))
+        strength.map_or(1.0, |g| g.max(1e-3 * clusters.bright()))
     }
 
     /// Squared difference of each pair, the mean of its channels, with what the pair counts.
     fn differences(&self, explained: &Explained) -> Vec<(f64, f64)> {
         let r = &explained.residual;
-        self.clusters
-            .pairs
+        self.pairs
             .iter()
             .map(|pair| {
                 let [a, b] = pair.of.map(|k| r[k as usize]);
@@ -264,8 +294,8 @@ impl<'a> Fit<'a> {
                     prior += 0.5
                         * self.precision[k]
                         * coupling(a, b)
-                        * light.sky[a][k]
-                        * light.sky[b][k];
+                        * (light.sky[a][k] - self.prior[k])
+                        * (light.sky[b][k] - self.prior[k]);
                 }
             }
         }
@@ -274,7 +304,6 @@ impl<'a> Fit<'a> {
 
     /// Goes on from a light until nothing changes any more.
     pub fn run(&self, mut light: FittedLight, progress: Progress<'_>) -> Result<Fitted> {
-        let p = light.unknowns();
         let mut turn = 0;
         loop {
             tell(progress, turn as f64 / TURNS as f64)?;
@@ -292,20 +321,12 @@ impl<'a> Fit<'a> {
                     open,
                 });
             };
-            let longest = step.amax();
-            let shorter = (LONGEST_STEP / longest).min(1.0);
-            for c in 0..3 {
-                let of_sun = light.sun.as_mut().map(|s| &mut s.log_energy[c]);
-                let values = light.sky[c].iter_mut().chain(of_sun);
-                for (value, step) in values.zip(&step.as_slice()[c * p..]) {
-                    *value += shorter * step;
-                }
-            }
+            light.change(step);
             turn += 1;
         }
     }
 
-    /// One turn of Gauss-Newton, at the exposure and the noise that the light has now.
+    /// One turn of Gauss-Newton, at a noise and the strength that the light has now.
     pub fn solve(&self, light: &FittedLight, explained: &Explained, noise: f64) -> Option<Solved> {
         let jacobian: Vec<DMatrix<f64>> = (0..3)
             .into_par_iter()
@@ -341,7 +362,7 @@ impl<'a> Fit<'a> {
                     _ => f64::from(of_sky[(k, i)]) - direct * of_mean[k],
                 };
             }
-            column *= explained.exposure / explained.log_irradiance[i][c].exp();
+            column *= explained.strength / explained.log_irradiance[i][c].exp();
         }
         jacobian
     }
@@ -362,7 +383,7 @@ impl<'a> Fit<'a> {
                 let j = &jacobian[c];
                 let (mut weighed, mut residual) =
                     (DMatrix::zeros(p, j.ncols()), DVector::zeros(j.ncols()));
-                for (pair, (d, _)) in self.clusters.pairs.iter().zip(&differences) {
+                for (pair, (d, _)) in self.pairs.iter().zip(&differences) {
                     let w = pair.weight[c] / (noise + d);
                     let [a, b] = pair.of.map(|k| k as usize);
                     let r = w * (explained.residual[a][c] - explained.residual[b][c]);
@@ -393,7 +414,7 @@ impl<'a> Fit<'a> {
                     };
                     matrix[(a * p + k, b * p + k)] += held;
                     if k < SKY {
-                        gradient[a * p + k] += held * light.sky[b][k];
+                        gradient[a * p + k] += held * (light.sky[b][k] - self.prior[k]);
                     }
                 }
             }
@@ -418,6 +439,20 @@ impl<'a> Fit<'a> {
         });
         sums.sum::<f64>() / 3.0
     }
+}
+
+/// Mean of each coefficient of the sky's prior. `[SKY]`
+pub(super) fn prior(up: Vec3) -> Vec<f64> {
+    // The first band's functions are proportional to the coordinates, and their squares sum to 3.
+    let mut mean = sky_basis(up);
+    for (k, value) in mean.iter_mut().enumerate() {
+        *value *= if band_of(k + 1) == 1 {
+            ABOVE / 3f64.sqrt()
+        } else {
+            0.0
+        };
+    }
+    mean
 }
 
 /// Two channels' share of the prior's precision: that they differ is less probable than that the light is uneven.

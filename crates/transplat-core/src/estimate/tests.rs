@@ -3,7 +3,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use proptest::prelude::*;
 
-use super::fit::{SKY, coupling, sky_basis};
+use super::fit::{SKY, coupling, prior, sky_basis};
 use super::*;
 use crate::color::Encoding;
 use crate::oracle::EstimateProblem;
@@ -131,6 +131,19 @@ fn a_matte_object_of_a_few_albedos_returns_its_light() {
     assert!(off < 0.05, "{off}");
     let toward = found.light.dominant_direction();
     assert!(toward.dot(Vec3::new(0.8, 0.0, 0.6)) > 0.99, "{toward}");
+}
+
+/// The albedo of the brighter stripes is neither the one that is taken for white nor near it: what bounces tells.
+#[test]
+fn strength_is_told_by_what_bounces() {
+    let scene = lit(4000, slanted, None);
+    let found = estimate(&scene);
+    let mean = |sky: &dyn Fn(Vec3) -> [f32; 3]| {
+        let each = directions().into_iter().map(|d| sky(d)[1]);
+        each.sum::<f32>() / DIRECTIONS as f32
+    };
+    let ratio = mean(&|d| found.light.sky_radiance(d)) / mean(&slanted);
+    assert!((ratio - 1.0).abs() < 0.15, "{ratio}");
 }
 
 /// Of some it would be the order of the file that decides which.
@@ -267,7 +280,7 @@ fn a_black_backdrop_changes_little() {
 fn one_turn_is_that_of_the_oracle() {
     let (cloud, bake) = lit(700, slanted, None);
     let clusters = Clusters::new(&cloud, &bake, &mean_radiance(&cloud, &bake.normals));
-    let fit = Fit::new(&clusters);
+    let fit = Fit::new(&clusters, NEIGHBORS, Vec3::Z);
     let wave = |c: usize| move |k: usize| 0.1 * ((k * 7 + c * 5) as f64).sin();
     let start = FittedLight {
         sky: std::array::from_fn(|c| (0..SKY).map(wave(c)).collect()),
@@ -277,7 +290,7 @@ fn one_turn_is_that_of_the_oracle() {
     let noise = fit.noise(&explained);
     let basis: Vec<Vec<f64>> = directions().iter().map(|d| sky_basis(*d)).collect();
     let pairs: Vec<([usize; 2], [f64; 3])> = clusters
-        .pairs
+        .pairs(NEIGHBORS)
         .iter()
         .map(|p| (p.of.map(|k| k as usize), p.weight))
         .collect();
@@ -287,6 +300,7 @@ fn one_turn_is_that_of_the_oracle() {
         radiance: &clusters.radiance,
         seen: &clusters.seen,
         basis: &basis,
+        prior: &prior(Vec3::Z),
         precision: &precision,
         coupling: std::array::from_fn(|a| std::array::from_fn(|b| coupling(a, b))),
         bounced: &clusters.bounced,
@@ -330,6 +344,7 @@ proptest! {
         // A ray or two fall otherwise by rounding.
         prop_assert!(off < 0.05, "{}", off);
         let strength = found.light.sky_radiance(Vec3::Z)[0] / expected.light.sky_radiance(Vec3::Z)[0];
-        prop_assert!((strength / gain - 1.0).abs() < 0.1, "{} for {}", strength, gain);
+        // And clusters of surfels on the edge of a cell, of which the strength is told to some 15 %.
+        prop_assert!((strength / gain).ln().abs() < 0.25, "{} for {}", strength, gain);
     }
 }

@@ -4,8 +4,6 @@ use std::f64::consts::PI;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::transfer::materials::{WHITEST, WHITEST_ALBEDO};
-
 /// Means over clusters, and which of them are compared.
 pub struct EstimateProblem<'a> {
     /// Mean radiance. `[c][3]`
@@ -14,7 +12,9 @@ pub struct EstimateProblem<'a> {
     pub seen: &'a [f32],
     /// Basis functions over the directions. `[D][K]`
     pub basis: &'a [Vec<f64>],
-    /// Prior precision of each coefficient about 0. `[K]`
+    /// Prior mean of each coefficient. `[K]`
+    pub prior: &'a [f64],
+    /// Prior precision of each coefficient about its mean. `[K]`
     pub precision: &'a [f64],
     /// Coupling of two channels. `[3][3]`
     pub coupling: [[f64; 3]; 3],
@@ -48,27 +48,7 @@ impl EstimateProblem<'_> {
                 }
             }
         }
-        let sum = |v: &[f64; 3]| v[0] + v[1] + v[2];
-        let exposure = exposure.unwrap_or_else(|| {
-            let mut asked: Vec<(f64, f64)> = (0..n)
-                .map(|i| {
-                    let left = PI * sum(&self.radiance[i]) / WHITEST_ALBEDO - sum(&self.bounced[i]);
-                    (
-                        left / (sum(&direct[i]) + 3.0 * PI * self.epsilon),
-                        self.mass[i],
-                    )
-                })
-                .collect();
-            asked.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let mut below = 0.0;
-            for (strength, mass) in asked {
-                below += mass;
-                if below >= f64::from(WHITEST) {
-                    return strength;
-                }
-            }
-            1.0
-        });
+        let exposure = exposure.unwrap_or_else(|| self.plausible(&direct));
         let u = (0..n)
             .map(|i| {
                 std::array::from_fn(|c| {
@@ -78,6 +58,66 @@ impl EstimateProblem<'_> {
             })
             .collect();
         (u, exposure)
+    }
+
+    /// Strength at which the whitest surface, smoothed by medians, has the albedo 0.72 (1 - 0.6 saturation).
+    fn plausible(&self, direct: &[[f64; 3]]) -> f64 {
+        let n = direct.len();
+        let sum = |v: &[f64; 3]| v[0] + v[1] + v[2];
+        let lit = |i: usize, c: usize| direct[i][c] + PI * self.epsilon;
+        let quantile = |mut of: Vec<(f64, f64)>, share: f64| {
+            of.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let wanted = share * of.iter().map(|(_, m)| m).sum::<f64>();
+            let mut below = 0.0;
+            let at = of.iter().find(|(_, m)| {
+                below += m;
+                below >= wanted
+            });
+            at.expect("some").0
+        };
+        let asked = |white: f64| -> Vec<f64> {
+            let own: Vec<f64> = (0..n)
+                .map(|i| {
+                    let left = PI * sum(&self.radiance[i]) / white - sum(&self.bounced[i]);
+                    left / (lit(i, 0) + lit(i, 1) + lit(i, 2))
+                })
+                .collect();
+            (0..n)
+                .map(|i| {
+                    let near = self.pairs.iter().filter(|([a, _], _)| *a == i);
+                    let mut near: Vec<(f64, f64)> =
+                        near.map(|([_, b], w)| (own[*b], sum(w))).collect();
+                    let most = near.iter().map(|(_, w)| *w).fold(0.0, f64::max);
+                    near.push((own[i], most));
+                    if most > 0.0 {
+                        quantile(near, 0.5)
+                    } else {
+                        own[i]
+                    }
+                })
+                .collect()
+        };
+        let weighted = |values: &[f64]| -> Vec<(f64, f64)> {
+            let each = values.iter().copied();
+            each.zip(self.mass.iter().copied()).collect()
+        };
+        let first = asked(0.72);
+        let (strength, tenth) = (
+            quantile(weighted(&first), 0.95),
+            quantile(weighted(&first), 0.9),
+        );
+        let saturation = (0..n)
+            .filter(|i| first[*i] >= tenth)
+            .map(|i| {
+                let a: Vec<f64> = (0..3)
+                    .map(|c| self.radiance[i][c] / (strength * lit(i, c) + self.bounced[i][c]))
+                    .collect();
+                let (low, high) = (a[0].min(a[1]).min(a[2]), a[0].max(a[1]).max(a[2]));
+                (1.0 - low / high, self.mass[i])
+            })
+            .collect();
+        let white = 0.72 * (1.0 - 0.6 * quantile(saturation, 0.5));
+        quantile(weighted(&asked(white)), 0.95)
     }
 
     /// One turn of Gauss-Newton from a sky: by how much each coefficient is to change. `[3][K]`
@@ -127,7 +167,7 @@ impl EstimateProblem<'_> {
                 for b in 0..3 {
                     let held = self.precision[p] * self.coupling[a][b];
                     matrix[(a * k + p, b * k + p)] += held;
-                    right[a * k + p] -= held * sky[b][p];
+                    right[a * k + p] -= held * (sky[b][p] - self.prior[p]);
                 }
             }
         }

@@ -150,7 +150,7 @@ impl Project {
         if is_new && !is_known && self.scene.objects[at].source.is_estimate() {
             let message = match estimate.obstacle {
                 None => tr_format!(
-                    "The capture light is estimated from the object (confidence {percent:.0} %). Strength and tint are assumed. {drop_it}",
+                    "The capture light is estimated from the object (confidence {percent:.0} %). Its tint is assumed. {drop_it}",
                     percent = estimate.percent(),
                     drop_it = tr(DROP_IT)
                 ),

@@ -1,0 +1,76 @@
+//! Strength of the capture light: what is white tells it, and so does what bounces.
+
+use super::fit::{Fit, FittedLight};
+use crate::error::Result;
+use crate::progress::{Progress, tell};
+
+/// Standard deviation of the logarithm of the strength that white tells.
+const WHITE_SD: f64 = 0.18;
+
+/// Strengths that are tried, over the one that white tells.
+const TRIED: [f64; 7] = [0.45, 0.65, 0.85, 1.0, 1.2, 1.5, 2.1];
+
+/// Turns of the fit at each.
+const TURNS: usize = 3;
+
+/// Standard deviation of the logarithm of the strength that bounced light tells at best; what it gains by the square of the noise over a
+/// reference; and the share of two-sided surfaces, which pass light on, at which it tells nothing any more.
+const BOUNCE_SD: f64 = 0.1;
+const NOISE_SD: f64 = 0.12;
+const NOISE: f64 = 0.06;
+const LEAVES: f64 = 1.0 / 3.0;
+
+/// The strength that white and bounced light tell together; `near`: a fit that compares near clusters.
+///
+/// Light that bounces between surfaces has the pictures' unit, so hollows would be too bright or too dark under any other strength.
+///
+/// # Errors
+/// [`crate::error::Error::Cancelled`].
+pub(super) fn find(
+    near: &mut Fit<'_>,
+    light: &FittedLight,
+    white: f64,
+    progress: Progress<'_>,
+) -> Result<f64> {
+    near.strength = Some(white);
+    let noise = near.noise(&near.explain(light));
+    let mut costs = [0.0; TRIED.len()];
+    for (i, factor) in TRIED.into_iter().enumerate() {
+        tell(progress, i as f64 / TRIED.len() as f64)?;
+        near.strength = Some(factor * white);
+        let mut light = light.clone();
+        for _ in 0..TURNS {
+            if let Some(solved) = near.solve(&light, &near.explain(&light), noise) {
+                light.change(&solved.step);
+            }
+        }
+        costs[i] = near.cost(&light, &near.explain(&light), noise);
+    }
+    let (bounce, variance) = least(&costs);
+    let of_noise = NOISE_SD * noise / (NOISE * NOISE);
+    let opaque = (1.0 - near.clusters.two_sided / LEAVES).max(1e-3);
+    let variance = (BOUNCE_SD.powi(2) + variance + of_noise.powi(2)) / opaque.powi(2);
+    let [of_white, of_bounce] = [1.0 / WHITE_SD.powi(2), 1.0 / variance];
+    let log = bounce * of_bounce / (of_white + of_bounce);
+    Ok(if log.is_finite() {
+        white * log.exp()
+    } else {
+        white
+    })
+}
+
+/// Logarithm of the factor of least cost, by a parabola through the least three, and its variance.
+fn least(costs: &[f64; TRIED.len()]) -> (f64, f64) {
+    let x = TRIED.map(f64::ln);
+    let by_cost = |a: &usize, b: &usize| costs[*a].total_cmp(&costs[*b]);
+    let lowest = (0..x.len()).min_by(by_cost).unwrap_or(0);
+    let i = lowest.clamp(1, x.len() - 2);
+    let slope = |i: usize| (costs[i + 1] - costs[i]) / (x[i + 1] - x[i]);
+    let curvature = 2.0 * (slope(i) - slope(i - 1)) / (x[i + 1] - x[i - 1]);
+    if curvature > 0.0 {
+        let at = 0.5 * (x[i - 1] + x[i]) - slope(i - 1) / curvature;
+        (at.clamp(x[0], x[x.len() - 1]), 1.0 / curvature)
+    } else {
+        (0.0, f64::INFINITY)
+    }
+}
