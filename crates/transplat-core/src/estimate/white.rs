@@ -9,7 +9,7 @@ use crate::transfer::materials::WHITEST;
 /// Mean albedo of the whitest surface where that is grey, and how much of it the surface loses per unit of saturation: what is coloured
 /// is darker. Fitted on seven shapes under one sky; under four other lights no other values are better.
 const WHITE: f64 = 0.72;
-const LOSS: f64 = 0.6;
+const LOSS: f64 = 0.65;
 
 /// Share of all that is darker than the surfaces whose colour counts.
 const TENTH: f64 = 0.9;

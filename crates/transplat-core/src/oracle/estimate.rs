@@ -60,7 +60,7 @@ impl EstimateProblem<'_> {
         (u, exposure)
     }
 
-    /// Strength at which the whitest surface, smoothed by medians, has the albedo 0.72 (1 - 0.6 saturation).
+    /// Strength at which the whitest surface, smoothed by medians, has the albedo 0.72 (1 - 0.65 saturation).
     fn plausible(&self, direct: &[[f64; 3]]) -> f64 {
         let n = direct.len();
         let sum = |v: &[f64; 3]| v[0] + v[1] + v[2];
@@ -116,7 +116,7 @@ impl EstimateProblem<'_> {
                 (1.0 - low / high, self.mass[i])
             })
             .collect();
-        let white = 0.72 * (1.0 - 0.6 * quantile(saturation, 0.5));
+        let white = 0.72 * (1.0 - 0.65 * quantile(saturation, 0.5));
         quantile(weighted(&asked(white)), 0.95)
     }
 
