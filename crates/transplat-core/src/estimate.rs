@@ -2,9 +2,8 @@
 //!
 //! Neighbours tend to be of the same stuff, and what they differ in is the light on them. The light is the one under which the albedos of
 //! neighbours are most alike. Its logarithm is an SH series, so it is never negative, and the more even light is the more probable
-//! one beforehand: what the object does not tell stays even, and a little brighter above. How strong the light was is told by the whitest
-//! surfaces, which are taken to be as white as things are, and by the light that bounces between surfaces. Its tint no object tells: its
-//! mean is taken to be grey.
+//! one beforehand: what the object does not tell stays even, and a little brighter above. Its strength follows from the whitest
+//! surfaces, which are taken to be as white as things are, and from the light that bounces between surfaces. Its mean is taken to be grey.
 
 mod clusters;
 mod fit;
@@ -68,7 +67,7 @@ const MANY_NEIGHBORS: usize = 96;
 const MANY_SHARE: f64 = 0.08;
 const NOISY: f64 = 0.15;
 
-/// How far an estimate is when the object's clusters are gathered, when a sky is fitted to them, a sun, and their strength.
+/// Progress of an estimate after each of its stages.
 const GATHERED: f64 = 0.1;
 const SKY_FITTED: f64 = 0.3;
 const SUN_FITTED: f64 = 0.7;
@@ -178,7 +177,7 @@ pub fn estimate_light(
     let clusters = Clusters::new(cloud, bake, &radiance);
     let up = cloud.up.direction();
     let mut near = Fit::new(&clusters, NEIGHBORS, up);
-    if clusters.len() < FEWEST_CLUSTERS || near.has_nothing() {
+    if clusters.len() < FEWEST_CLUSTERS || near.has_no_pairs() {
         let has_light = radiance.iter().any(|[b, _]| b.iter().any(|v| *v > 0.0));
         let is_black = !has_light && !cloud.is_empty();
         return Ok(Estimate::none(if is_black {

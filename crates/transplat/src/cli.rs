@@ -76,7 +76,7 @@ pub enum Command {
     Bake(BakeArgs),
     /// Estimate the light of the capture from the splat alone.
     #[command(
-        after_help = "Example:\n  transplat estimate knot.ply -o light.exr\n\nThe light is an equirectangular map for --source and other programs. --source estimate does the same without a file. Its mean is taken to be grey. Its strength is told by light that bounces between surfaces, and by the whitest of them."
+        after_help = "Example:\n  transplat estimate knot.ply -o light.exr\n\nThe light is an equirectangular map for --source and other programs. --source estimate does the same without a file. Its mean is taken to be grey. Its strength follows from light that bounces between surfaces, and from the whitest of them."
     )]
     Estimate(EstimateArgs),
     /// Write the light at a place in a scene, as the scene's own splat shows it.

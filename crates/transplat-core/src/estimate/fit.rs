@@ -7,7 +7,7 @@ use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::clusters::{Clusters, Pair};
-use super::white::Neighborhoods;
+use super::white::plausible_strength;
 use crate::bake::strata::{DIRECTIONS, directions};
 use crate::error::Result;
 use crate::numeric::weighted_quantile;
@@ -123,7 +123,7 @@ pub(super) struct Explained {
     direct: Vec<[f64; 3]>,
     /// Divisor of the light's radiance that makes its mean 1 in each channel.
     pub mean_radiance: [f64; 3],
-    /// Mean radiance of the light, in the unit of the pictures: as told to the fit, or such that the whitest albedo is plausible.
+    /// Mean radiance of the light, in the unit of the pictures: given, or such that the whitest albedo is plausible.
     pub strength: f64,
     /// Logarithm of the irradiance, bounced light included. `[c]`
     pub log_irradiance: Vec<[f64; 3]>,
@@ -135,7 +135,6 @@ pub(super) struct Explained {
 pub(super) struct Fit<'a> {
     pub clusters: &'a Clusters,
     pairs: Vec<Pair>,
-    neighborhoods: Neighborhoods,
     /// Mean radiance of the light, where that is known.
     pub strength: Option<f64>,
     /// [`sky_basis`] over the bake's directions. `[SKY][DIRECTIONS]`
@@ -173,7 +172,6 @@ impl<'a> Fit<'a> {
         let columns: Vec<Vec<f64>> = directions().iter().map(|d| sky_basis(*d)).collect();
         let band = |k: usize| band_of(k + 1) as f64;
         Self {
-            neighborhoods: Neighborhoods::new(clusters.len(), &pairs),
             strength: None,
             clusters,
             pairs,
@@ -185,7 +183,7 @@ impl<'a> Fit<'a> {
     }
 
     /// True where no two clusters can be compared.
-    pub fn has_nothing(&self) -> bool {
+    pub fn has_no_pairs(&self) -> bool {
         self.pairs.is_empty()
     }
 
@@ -252,9 +250,8 @@ impl<'a> Fit<'a> {
     fn plausible_strength(&self, direct: &[[f64; 3]]) -> f64 {
         let clusters = self.clusters;
         let lit = direct.iter().map(|d| d.map(|v| v + self.epsilon * PI));
-        let strength = self
-            .neighborhoods
-            .plausible_strength(clusters, &lit.collect::<Vec<_>>());
+        let lit: Vec<[f64; 3]> = lit.collect();
+        let strength = plausible_strength(clusters, &self.pairs, &lit);
         // Where blocking surfels are so bright that they explain everything, some direct light is left.
         strength.map_or(1.0, |g| g.max(1e-3 * clusters.bright()))
     }

@@ -1,26 +1,26 @@
-//! Strength of the capture light: what is white tells it, and so does what bounces.
+//! Strength of the capture light by bounced light, averaged with that by what is white.
 
 use super::fit::{Fit, FittedLight};
 use crate::error::Result;
 use crate::progress::{Progress, tell};
 
-/// Standard deviation of the logarithm of the strength that white tells.
+/// Standard deviation of the logarithm of the strength by what is white.
 const WHITE_SD: f64 = 0.18;
 
-/// Strengths that are tried, over the one that white tells.
+/// Strengths that are tried, over the one by what is white.
 const TRIED: [f64; 7] = [0.45, 0.65, 0.85, 1.0, 1.2, 1.5, 2.1];
 
 /// Turns of the fit at each.
 const TURNS: usize = 3;
 
-/// Standard deviation of the logarithm of the strength that bounced light tells at best; what it gains by the square of the noise over a
-/// reference; and the share of two-sided surfaces, which pass light on, at which it tells nothing any more.
+/// Standard deviation of the logarithm of the strength by bounced light at best; what it gains by the square of the noise over a
+/// reference; and the share of two-sided surfaces, which pass light on, at which it counts for nothing any more.
 const BOUNCE_SD: f64 = 0.1;
 const NOISE_SD: f64 = 0.12;
 const NOISE: f64 = 0.06;
 const LEAVES: f64 = 1.0 / 3.0;
 
-/// The strength that white and bounced light tell together; `near`: a fit that compares near clusters.
+/// Most probable strength by white surfaces and bounced light; `near`: a fit that compares near clusters.
 ///
 /// Light that bounces between surfaces has the pictures' unit, so hollows would be too bright or too dark under any other strength.
 ///

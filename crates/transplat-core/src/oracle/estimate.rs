@@ -32,7 +32,7 @@ pub struct EstimateProblem<'a> {
 
 impl EstimateProblem<'_> {
     /// Minus the logarithm of each cluster's albedo. `[c][3]`
-    fn residual(&self, sky: &[Vec<f64>; 3], exposure: Option<f64>) -> (Vec<[f64; 3]>, f64) {
+    fn residual(&self, sky: &[Vec<f64>; 3], strength: Option<f64>) -> (Vec<[f64; 3]>, f64) {
         let (n, d) = (self.radiance.len(), self.basis.len());
         let mut direct = vec![[0.0; 3]; n];
         for c in 0..3 {
@@ -48,20 +48,20 @@ impl EstimateProblem<'_> {
                 }
             }
         }
-        let exposure = exposure.unwrap_or_else(|| self.plausible(&direct));
+        let strength = strength.unwrap_or_else(|| self.plausible_strength(&direct));
         let u = (0..n)
             .map(|i| {
                 std::array::from_fn(|c| {
-                    let e = exposure * (direct[i][c] + self.epsilon * PI) + self.bounced[i][c];
+                    let e = strength * (direct[i][c] + self.epsilon * PI) + self.bounced[i][c];
                     e.ln() - self.radiance[i][c].ln()
                 })
             })
             .collect();
-        (u, exposure)
+        (u, strength)
     }
 
     /// Strength at which the whitest surface, smoothed by medians, has the albedo 0.72 (1 - 0.65 saturation).
-    fn plausible(&self, direct: &[[f64; 3]]) -> f64 {
+    fn plausible_strength(&self, direct: &[[f64; 3]]) -> f64 {
         let n = direct.len();
         let sum = |v: &[f64; 3]| v[0] + v[1] + v[2];
         let lit = |i: usize, c: usize| direct[i][c] + PI * self.epsilon;
@@ -124,7 +124,7 @@ impl EstimateProblem<'_> {
     pub fn step(&self, sky: &[Vec<f64>; 3]) -> [Vec<f64>; 3] {
         const H: f64 = 1e-5;
         let k = self.precision.len();
-        let (u, exposure) = self.residual(sky, None);
+        let (u, strength) = self.residual(sky, None);
         // How each cluster's residual changes with each coefficient of its channel. [c][3][K]
         let mut slope = vec![vec![vec![0.0; k]; 3]; u.len()];
         for q in 0..k {
@@ -133,7 +133,7 @@ impl EstimateProblem<'_> {
                     s[q] += by;
                     s
                 });
-                self.residual(&sky, Some(exposure)).0
+                self.residual(&sky, Some(strength)).0
             };
             let (less, more) = (moved(-H), moved(H));
             for i in 0..u.len() {
