@@ -258,16 +258,23 @@ pub const AGX_OUTSET: [[f32; 3]; 3] = [
     [-0.052_971_64, -0.098_043_45, 1.151_073_7],
 ];
 
+/// Logarithms (base 2) of light between which AgX's contrast curve runs.
+pub(crate) const AGX_STOPS: [f32; 2] = [-12.473_93, 4.026_069];
+
+/// AgX's contrast curve, from 0 to 1.
+pub(crate) fn agx_contrast(x: f32) -> f32 {
+    let (x2, x4) = (x * x, x * x * x * x);
+    15.5 * x4 * x2 - 40.14 * x4 * x + 31.96 * x4 - 6.868 * x2 * x + 0.4298 * x2 + 0.1191 * x
+        - 0.002_32
+}
+
 fn agx(c: [f32; 3]) -> [f32; 3] {
-    const LOW: f32 = -12.473_93;
-    const HIGH: f32 = 4.026_069;
+    let [low, high] = AGX_STOPS;
     let product =
         |m: &[[f32; 3]; 3], c: [f32; 3]| m.map(|row| row[0] * c[0] + row[1] * c[1] + row[2] * c[2]);
     let curved = product(&AGX_INSET, c).map(|v| {
-        let x = ((v.max(1e-10).log2() - LOW) / (HIGH - LOW)).clamp(0.0, 1.0);
-        let (x2, x4) = (x * x, x * x * x * x);
-        15.5 * x4 * x2 - 40.14 * x4 * x + 31.96 * x4 - 6.868 * x2 * x + 0.4298 * x2 + 0.1191 * x
-            - 0.002_32
+        let x = ((v.max(1e-10).log2() - low) / (high - low)).clamp(0.0, 1.0);
+        agx_contrast(x)
     });
     product(&AGX_OUTSET, curved).map(|v| v.clamp(0.0, 1.0))
 }
@@ -369,7 +376,11 @@ impl Encoding {
 /// projects back.
 ///
 /// The curve is not a polynomial, so the result is the projection on a quadrature of degree `2 * degree + 2`.
-fn pass_through(functions: &mut [[f32; 3]], degree: usize, curve: impl Fn(f32) -> f32 + Sync) {
+pub(crate) fn pass_through(
+    functions: &mut [[f32; 3]],
+    degree: usize,
+    curve: impl Fn([f32; 3]) -> [f32; 3] + Sync,
+) {
     let k = coefficient_count(degree);
     // `[samples][K]`, and the same with the weight of each sample folded in.
     let (mut evaluate, mut project): (Vec<f32>, Vec<f32>) = (Vec::new(), Vec::new());
@@ -388,7 +399,7 @@ fn pass_through(functions: &mut [[f32; 3]], degree: usize, curve: impl Fn(f32) -
                     *v += y * c;
                 }
             }
-            let value = value.map(&curve);
+            let value = curve(value);
             for (p, r) in project.iter().zip(&mut result) {
                 for (r, v) in r.iter_mut().zip(value) {
                     *r += p * v;
@@ -410,7 +421,9 @@ pub fn decode_sh(stored: &[[f32; 3]], degree: usize, encoding: Encoding) -> Vec<
                 *c += STORED_OFFSET * sh::SQRT_4PI as f32;
             }
         }),
-        Encoding::Stored => pass_through(&mut out, degree, |v| encoding.decode(v)),
+        Encoding::Stored => {
+            pass_through(&mut out, degree, |value| value.map(|v| encoding.decode(v)))
+        }
     }
     out
 }
@@ -428,7 +441,9 @@ pub fn encode_sh(mut linear: Vec<[f32; 3]>, degree: usize, encoding: Encoding) -
                 *c -= STORED_OFFSET * sh::SQRT_4PI as f32;
             }
         }),
-        Encoding::Stored => pass_through(&mut linear, degree, |v| encoding.encode(v)),
+        Encoding::Stored => pass_through(&mut linear, degree, |value| {
+            value.map(|v| encoding.encode(v))
+        }),
     }
     linear
 }

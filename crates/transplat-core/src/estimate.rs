@@ -29,15 +29,16 @@ use clusters::Clusters;
 pub use fit::DEGREE;
 use fit::{Explained, Fit, Fitted, FittedLight};
 
-/// From this confidence on, the estimate is taken: a metal with trained-in highlights reaches 0.69 and is relit better than by
-/// [`Estimate::stand_in`] (24.2 dB for 22.7). Below, the stand-in is the safer guess.
-pub const GOOD_CONFIDENCE: f32 = 0.6;
+/// Trust at least, and where the object tells nothing. To leave the colour as it was captured (0) and to divide all of a wrong light out of it (1)
+/// are wrong by about as much, and in opposite ways: the one keeps the old shading alone, the other lays a new one over it.
+pub const LEAST_TRUST: f32 = 0.5;
 
-/// How far even light is believed where the object tells nothing. To leave the colour as it was captured (0) and to relight it from even light
-/// (1) are wrong by about as much, and in opposite ways: the one keeps the old shading alone, the other lays the new one over it. Half of
-/// the change, in logarithms, was never worse than leaving it by more than 0.05 dB on 14 objects, and better by 0.9 dB on average; even light
-/// was worse by up to 3.6.
-pub const STAND_IN_TRUST: f32 = 0.5;
+/// Confidences at which trust begins to grow, and from which on it is full: of 48 estimates of six objects, made noisy in seven ways, the best
+/// of those tried.
+const GROWING: [f32; 2] = [0.5, 0.95];
+
+/// Confidence from which on an estimate says where up is.
+const CERTAIN: f32 = 0.6;
 
 /// Clusters that are needed to tell anything.
 const FEWEST_CLUSTERS: usize = 8;
@@ -93,8 +94,6 @@ pub enum Obstacle {
     OneWay,
     /// The light was about even, as far as the object tells.
     EvenLight,
-    /// Neighbours differ more than any light explains.
-    Noise,
 }
 
 impl Obstacle {
@@ -105,9 +104,6 @@ impl Obstacle {
             Self::Black => "the object is black",
             Self::OneWay => "the whole object faces one way",
             Self::EvenLight => "the object shows hardly any shading, as under even light",
-            Self::Noise => {
-                "neighbouring Gaussians differ more than any light explains (paint, noise, or normals that are none)"
-            }
         }
     }
 }
@@ -115,11 +111,11 @@ impl Obstacle {
 /// What an asset tells of the light it was captured under.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// The most probable light; even where that is not good.
+    /// The most probable light; even where nothing tells it.
     pub light: EstimatedLight,
     /// How sure it is, 0 to 1: of the variance of the light over the object, and of the noise that no light explains, the share that is told.
     pub confidence: f32,
-    /// Why [`Estimate::stand_in`] is to be taken instead, where it is.
+    /// Why even light is assumed instead, where it is.
     pub obstacle: Option<Obstacle>,
 }
 
@@ -131,22 +127,34 @@ impl Estimate {
 
     /// Whether most of the light comes from the side or from below: an asset whose up axis is wrong looks so.
     pub fn may_lie_on_its_side(&self, up: UpAxis) -> bool {
-        self.is_good() && self.light.dominant_direction().dot(up.direction()) < LOW_LIGHT
+        let is_certain = self.is_told() && self.confidence >= CERTAIN;
+        is_certain && self.light.dominant_direction().dot(up.direction()) < LOW_LIGHT
     }
 
-    /// Whether the estimate is better than what stands in for it.
-    pub fn is_good(&self) -> bool {
+    /// Whether the object tells its light at all.
+    pub fn is_told(&self) -> bool {
         self.obstacle.is_none()
     }
 
-    /// The source light where the estimate is not good: even, so strong that the whitest albedo is plausible, and believed by half; wholly
-    /// where the object tells that it was even.
+    /// Share of the change away from its light that is applied, in logarithms: it grows with the confidence. See [`Illumination::trust`].
+    pub fn trust(&self) -> f32 {
+        let [low, high] = GROWING;
+        match self.obstacle {
+            Some(Obstacle::EvenLight) => 1.0,
+            Some(_) => LEAST_TRUST,
+            None => {
+                let grown = ((self.confidence - low) / (high - low)).clamp(0.0, 1.0);
+                LEAST_TRUST + (1.0 - LEAST_TRUST) * grown
+            }
+        }
+    }
+
+    /// The source light where nothing tells it: even, and so strong that the whitest albedo is plausible.
     pub fn stand_in(&self) -> Illumination {
         let radiance = self.light.sky_radiance(Vec3::Z);
         let is_light = radiance.iter().all(|v| v.is_finite() && *v > 0.0);
-        let is_even = self.obstacle == Some(Obstacle::EvenLight);
         Illumination {
-            trust: if is_even { 1.0 } else { STAND_IN_TRUST },
+            trust: self.trust(),
             ..Illumination::even(MAX_DEGREE).tinted(if is_light { radiance } else { [1.0; 3] })
         }
     }
@@ -227,32 +235,25 @@ fn judge(clusters: &Clusters, even: &Explained, fitted: Fitted) -> Estimate {
         / 3.0;
     let explained = (unevenness - fitted.open).max(0.0);
     let confidence = explained / (unevenness + fitted.noise);
-    if !confidence.is_finite() {
-        return Estimate {
-            light: of_even,
-            ..Estimate::none(Obstacle::Noise)
-        };
-    }
     let each = clusters.normals.iter().zip(&clusters.mass);
     let facing: Vec3 = each.map(|(n, m)| n.normalize_or_zero() * *m as f32).sum();
-    let obstacle = if facing.length() > ONE_WAY {
+    let obstacle = if !confidence.is_finite() {
+        Some(Obstacle::TooLittle)
+    } else if facing.length() > ONE_WAY {
         Some(Obstacle::OneWay)
     } else if fitted.noise.sqrt() < QUIET && explained.sqrt() < EVEN {
         Some(Obstacle::EvenLight)
-    } else if confidence as f32 >= GOOD_CONFIDENCE {
-        None
     } else {
-        Some(Obstacle::Noise)
+        None
     };
     Estimate {
         light: match obstacle {
             None => EstimatedLight::new(&fitted.light, &fitted.explained),
             Some(_) => of_even,
         },
-        confidence: if matches!(obstacle, Some(Obstacle::OneWay | Obstacle::EvenLight)) {
-            0.0
-        } else {
-            confidence as f32
+        confidence: match obstacle {
+            None => confidence as f32,
+            Some(_) => 0.0,
         },
         obstacle,
     }

@@ -58,6 +58,7 @@ pub mod present;
 pub mod probe;
 pub mod progress;
 pub mod rasterize;
+pub mod response;
 pub mod scene;
 pub mod settings;
 pub mod sh;

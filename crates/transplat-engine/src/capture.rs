@@ -9,7 +9,6 @@ use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::strata::DIRECTIONS;
-use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
 use transplat_core::files::{SplatFile, is_same_file};
 use transplat_core::progress::{Progress, no_progress};
@@ -22,11 +21,14 @@ use transplat_core::transfer::{PreparedTransfer, TransferCache};
 use crate::bake::{self, BakePlace, BakeRequest, PartOf};
 use crate::device::Device;
 use crate::language::tr;
+use crate::reading::Reading;
 
 /// A splat as a whole, shared by the objects that are cut out of it.
 pub struct Capture {
     /// File of the splat.
     pub path: PathBuf,
+    /// Settings that it was read with.
+    pub reading: Reading,
     /// All of its Gaussians.
     pub cloud: Arc<SurfelCloud>,
     /// Properties of the file.
@@ -51,12 +53,14 @@ impl Capture {
     /// A capture, with its bake where that is known.
     pub fn new(
         path: PathBuf,
+        reading: Reading,
         cloud: Arc<SurfelCloud>,
         file: Arc<SplatFile>,
         bake: Option<Arc<DirectionalBake>>,
     ) -> Self {
         Self {
             path,
+            reading,
             cloud,
             file,
             bake: bake.map_or_else(OnceLock::new, OnceLock::from),
@@ -67,16 +71,20 @@ impl Capture {
     }
 
     /// True for a splat of this file that was read with these settings.
-    pub fn is_of(&self, path: &Path, is_linear: bool, outside_from: &[Vec3]) -> bool {
-        let was_linear = self.cloud.encoding == Encoding::StoredLinear;
-        is_same_file(&self.path, path)
-            && was_linear == is_linear
-            && self.cloud.outside_from == outside_from
+    pub fn is_of(&self, path: &Path, reading: &Reading) -> bool {
+        is_same_file(&self.path, path) && self.reading.is_of_same_capture(reading)
     }
 
     /// Its bake, if it is there.
     pub fn known_bake(&self) -> Option<Arc<DirectionalBake>> {
         self.bake.get().cloned()
+    }
+
+    /// Takes the bake of another reading of the same splat, whose Gaussians lie where its own do.
+    pub fn take_bake(&self, other: &Self) {
+        if let Some(bake) = other.known_bake() {
+            self.bake.get_or_init(|| bake);
+        }
     }
 
     /// Its bake, made once, or read from where that of the splat is kept; who else needs it meanwhile waits.

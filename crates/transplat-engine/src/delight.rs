@@ -32,8 +32,8 @@ pub struct Delit {
     pub cloud: SurfelCloud,
     /// Albedo, metalness and emission of each surfel.
     pub materials: Materials,
-    /// True where the capture light is known.
-    pub light_is_known: bool,
+    /// Trust in the capture light: the share of its change that was taken out, in logarithms.
+    pub trust: f32,
 }
 
 impl Delit {
@@ -58,14 +58,14 @@ impl Delit {
             sh_degree,
             ..cloud.clone()
         };
-        let light_is_known = match prepared {
-            PreparedTransfer::Directional(transfer) => transfer.trust >= 1.0,
-            _ => true,
+        let trust = match prepared {
+            PreparedTransfer::Directional(transfer) => transfer.trust,
+            _ => 1.0,
         };
         Ok(Self {
             cloud,
             materials,
-            light_is_known,
+            trust,
         })
     }
 
@@ -80,9 +80,11 @@ impl Delit {
                 found * self.materials.gain
             ));
         }
-        if !self.light_is_known {
-            warnings
-                .push("half of its light is left in it, since nobody knows what that was".into());
+        if self.trust < 1.0 {
+            warnings.push(format!(
+                "{:.0} % of its light is left in it, since that is not known for sure (--trust-source 1 removes all)",
+                100.0 * (1.0 - self.trust)
+            ));
         }
         warnings
     }

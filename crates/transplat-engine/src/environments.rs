@@ -11,13 +11,14 @@ use transplat_core::color::luminance;
 use transplat_core::environment::{
     EnvironmentMap, Illumination, ImageReading, LightSample, LightSamples, Sky,
 };
-use transplat_core::estimate::STAND_IN_TRUST;
+use transplat_core::estimate::{Estimate, LEAST_TRUST};
 use transplat_core::files::load_environment_as;
 use transplat_core::scene::{
     ESTIMATE, EVEN, EnvironmentLight, SKY, is_estimate, is_even, is_file, is_sky,
 };
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
+use transplat_core::surfels::UpAxis;
 
 use crate::device::Device;
 use crate::language::tr;
@@ -195,17 +196,13 @@ impl Environment {
     pub fn assumed() -> Arc<Self> {
         static SHARED: LazyLock<Arc<Environment>> = LazyLock::new(|| {
             let even = Illumination::even(MAX_DEGREE);
-            Arc::new(Environment::standing_in(Illumination {
-                trust: STAND_IN_TRUST,
+            let stand_in = Illumination {
+                trust: LEAST_TRUST,
                 ..even
-            }))
+            };
+            Arc::new(Environment::uniform(ESTIMATE.into(), stand_in))
         });
         SHARED.clone()
-    }
-
-    /// In the place of an estimate that is not good.
-    pub fn standing_in(illumination: Illumination) -> Self {
-        Self::uniform(ESTIMATE.into(), illumination)
     }
 
     fn uniform(path: PathBuf, illumination: Illumination) -> Self {
@@ -227,9 +224,16 @@ impl Environment {
         }
     }
 
-    /// The light that the asset tells of.
-    pub fn estimated(map: EnvironmentMap) -> Result<Self> {
-        let illumination = Device::Cpu.light(&map, Method::Directional)?;
+    /// The light that an asset with that up axis tells of, or even light where it tells none.
+    pub fn estimated(estimate: &Estimate, up: UpAxis) -> Result<Self> {
+        if !estimate.is_told() {
+            return Ok(Self::uniform(ESTIMATE.into(), estimate.stand_in()));
+        }
+        let map = estimate.light.map(up);
+        let illumination = Illumination {
+            trust: estimate.trust(),
+            ..Device::Cpu.light(&map, Method::Directional)?
+        };
         let mut light = Self::of(ESTIMATE.into(), &map, illumination, Vec::new());
         light.map = Some(Arc::new(map));
         Ok(light)

@@ -78,20 +78,24 @@ pub fn estimate_in_words(estimate: &Estimate, up: UpAxis) -> String {
         String::new()
     };
     format!(
-        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %; its tint is assumed{low_confidence}",
-        from.x, from.y, from.z
+        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %, trust {:.0} %; its tint is assumed{low_confidence}",
+        from.x,
+        from.y,
+        from.z,
+        100.0 * estimate.trust()
     )
 }
 
 /// An estimate for programs.
 pub fn estimate_as_json(estimate: &Estimate) -> serde_json::Value {
     let light = &estimate.light;
-    let sun = light.sun.filter(|_| estimate.is_good());
+    let sun = light.sun.filter(|_| estimate.is_told());
     serde_json::json!({
         "confidence": estimate.confidence,
-        "is_good": estimate.is_good(),
+        "trust": estimate.trust(),
+        "is_good": estimate.is_told(),
         "obstacle": estimate.obstacle,
-        "dominant_direction": estimate.is_good().then(|| light.dominant_direction().to_array()),
+        "dominant_direction": estimate.is_told().then(|| light.dominant_direction().to_array()),
         "sun_direction": sun.map(|(direction, _)| direction),
         "sun_irradiance": sun.map(|(_, energy)| energy),
     })

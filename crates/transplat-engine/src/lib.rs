@@ -16,6 +16,7 @@ pub mod names;
 pub mod object;
 pub mod output;
 pub mod project;
+pub mod reading;
 pub mod render;
 pub mod shot;
 pub mod splat;

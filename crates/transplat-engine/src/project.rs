@@ -1,5 +1,6 @@
 //! Project: an open scene, its stages, their jobs, and their results.
 
+mod by_click;
 mod cameras;
 pub mod canvas;
 mod composition;

@@ -8,17 +8,17 @@ use std::time::Instant;
 use anyhow::Result;
 use glam::{DVec3, Vec3};
 use transplat_core::camera::CameraPose;
-use transplat_core::color::Encoding;
 use transplat_core::crop::proposed_crop;
 use transplat_core::files::{
     CameraFile, SplatFile, SplatFormat, cameras_of_training, load_cameras, load_splat,
 };
 use transplat_core::ground::ground_plane;
-use transplat_core::scene::{Cut, Object, Scene, splat_name};
+use transplat_core::scene::{Object, Scene, splat_name};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::up_axis::{UpEvidence, proposed_up};
 
 use crate::capture::{Capture, CutPart, part_of};
+use crate::reading::Reading;
 use crate::warnings::asset_warnings;
 
 /// An asset as it is open.
@@ -26,9 +26,9 @@ use crate::warnings::asset_warnings;
 pub struct Splat {
     /// File of the splat.
     pub path: PathBuf,
-    /// Part that the object is, where it is cut out of a splat.
-    pub cut: Vec<Cut>,
-    /// Cuts that it is made by.
+    /// Settings that it was read with.
+    pub reading: Reading,
+    /// Surfels of the part that the object is, where it is cut out of a splat.
     pub part: Option<CutPart>,
     /// Gaussians of the object: all of the splat, or the part that is cut out.
     pub cloud: Arc<SurfelCloud>,
@@ -58,15 +58,6 @@ pub struct Splat {
     pub reading_asked: Option<Reading>,
 }
 
-/// Settings that a splat is read with: linear colour, positions that see its outside, and cuts.
-pub type Reading = (bool, Vec<Vec3>, Vec<Cut>);
-
-/// Settings that an object's splat is to be read with.
-pub fn reading_of(object: &Object) -> Reading {
-    let outside_from = object.outside_from.clone();
-    (object.linear, outside_from, object.cut.clone())
-}
-
 impl Splat {
     /// Reads a splat as an object's settings say; `open` is the whole, if it was read so already and the object is cut out of it.
     pub fn load(path: PathBuf, object: &Object, open: Option<Arc<Capture>>) -> Result<Self> {
@@ -79,7 +70,9 @@ impl Splat {
                 object.take_origin(cloud.origin, DVec3::ZERO);
                 object.apply_to(&mut cloud);
                 let warnings = asset_warnings(&path, &file);
-                let capture = Capture::new(path.clone(), Arc::new(cloud), Arc::new(file), None);
+                let reading = Reading::of(&object);
+                let capture =
+                    Capture::new(path.clone(), reading, Arc::new(cloud), Arc::new(file), None);
                 (Arc::new(capture), warnings)
             }
         };
@@ -100,10 +93,14 @@ impl Splat {
             ),
         };
         let file_up = cloud.up;
+        let reading = Reading {
+            outside_from: cloud.outside_from.clone(),
+            ..Reading::of(object)
+        };
         Ok(Self {
             proposed_crop: None,
             proposed_up: None,
-            cut: object.cut.clone(),
+            reading,
             cameras: None,
             part,
             bounds: cloud.bounds(),
@@ -152,25 +149,23 @@ impl Splat {
         })
     }
 
+    /// True where it differs from another reading of the same file in its colours alone; the bake of what it is cut out of is then its own.
+    pub fn is_recolored(&self, other: &Self) -> bool {
+        let response = other.reading.response;
+        let reading = Reading {
+            response,
+            ..self.reading.clone()
+        };
+        let is_it = self.path == other.path && reading == other.reading;
+        if let (true, Some(own), Some(other)) = (is_it, &self.part, &other.part) {
+            own.capture.take_bake(&other.capture);
+        }
+        is_it
+    }
+
     /// For the user.
     pub fn name(&self) -> String {
         name_of(&self.path)
-    }
-
-    /// Sets how it is read to how it was.
-    pub fn give_back(&self, object: &mut Object) {
-        (object.linear, object.outside_from, object.cut) = self.reading();
-    }
-
-    /// Settings that it was read with.
-    pub fn reading(&self) -> Reading {
-        let outside_from = self.cloud.outside_from.clone();
-        (self.is_linear(), outside_from, self.cut.clone())
-    }
-
-    /// True where its colour was read as linear.
-    pub fn is_linear(&self) -> bool {
-        self.cloud.encoding == Encoding::StoredLinear
     }
 }
 
@@ -196,7 +191,7 @@ pub fn told(opened: Object, asked: &Object, now: Object) -> Object {
     Object {
         source: kept(opened.source, &asked.source, now.source),
         up: kept(opened.up, &asked.up, now.up),
-        linear: kept(opened.linear, &asked.linear, now.linear),
+        response: kept(opened.response, &asked.response, now.response),
         outside_from,
         hide: kept(opened.hide, &asked.hide, now.hide),
         cut: kept(opened.cut, &asked.cut, now.cut),

@@ -10,6 +10,7 @@ use transplat_core::color::ToneMap;
 use transplat_core::environment::Layout;
 use transplat_core::present::{Background, View};
 use transplat_core::probe::DEFAULT_ROWS;
+use transplat_core::response::ResponseCurve;
 use transplat_core::scene::{Light, Scene};
 use transplat_core::settings::{Method, Terms};
 use transplat_core::surfels::UpAxis;
@@ -137,9 +138,15 @@ pub struct AssetOptions {
     /// Up axis of the splat [default: by a comment "Vertical axis: y" in the file, else +z]
     #[arg(long, value_name = "+x|-x|+y|-y|+z|-z", value_parser = parse_up, allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
-    /// Take the splat's colour as linear
-    #[arg(long)]
+    /// Take the splat's colour as linear: --capture-curve linear
+    #[arg(long, conflicts_with = "capture_curve")]
     pub linear: bool,
+    /// Tone curve of the capture's camera or renderer, which is undone [default: srgb]
+    #[arg(long, value_name = "srgb|linear|rec709|aces|agx|hable|log", value_parser = parse_named::<ResponseCurve>)]
+    pub capture_curve: Option<ResponseCurve>,
+    /// Contrast of the capture over that of the scene, a power of light, which is undone [default: 1]
+    #[arg(long, value_name = "POWER", value_parser = parse_contrast)]
+    pub capture_contrast: Option<f64>,
     /// Place that sees the outside of thin sheets, in the splat's coordinates; may be repeated
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
     pub outside_from: Vec<[f64; 3]>,
@@ -163,6 +170,9 @@ pub struct CaptureArgs {
     /// Layer or part of an OpenEXR file that is that light [default: the unnamed one, or Combined, beauty, rgba]
     #[arg(long, value_name = "NAME")]
     pub source_layer: Option<String>,
+    /// Trust in the capture light, 0 to 1: the power of the change away from it [default: 1, of an estimate by its confidence]
+    #[arg(long, value_name = "SHARE", value_parser = parse_share)]
+    pub trust_source: Option<f64>,
     /// Rotate the capture light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_source: Option<f64>,

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
 use transplat_core::environment::{ImageReading, Layout};
+use transplat_core::response::CameraResponse;
 use transplat_core::surfels::UpAxis;
 use transplat_tests::driver::Driver;
 use transplat_tests::{asset, level_cameras, psnr, small_splat};
@@ -183,10 +184,10 @@ fn what_is_changed_while_a_splat_loads_is_kept() {
 
     // The colour's encoding is the settings': undone and redone it is loaded again.
     let encoded = d.picture();
-    d.viewer().session.object_mut().linear = true;
+    d.viewer().session.object_mut().response = CameraResponse::LINEAR;
     let linear = d.picture();
     assert!(psnr(&encoded, &linear) < 35.0);
-    d.viewer().session.object_mut().linear = false;
+    d.viewer().session.object_mut().response = CameraResponse::default();
     assert!(psnr(&encoded, &d.picture()) > 60.0);
 }
 

@@ -8,11 +8,13 @@ use eframe::egui;
 use egui_kittest::kittest::Queryable;
 use glam::{DMat3, DQuat, DVec3};
 use transplat::viewer::Task;
-use transplat_core::estimate::STAND_IN_TRUST;
+use transplat_core::estimate::LEAST_TRUST;
 use transplat_core::files::{load_splat, write_splat};
+use transplat_core::response::CameraResponse;
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
 use transplat_core::synthetic;
+use transplat_core::transfer::PreparedTransfer;
 use transplat_tests::driver::{Driver, PATIENCE};
 use transplat_tests::{asset, run_json, small_splat};
 
@@ -33,7 +35,7 @@ fn the_light_is_estimated_where_nobody_tells_it() {
         .get_by_label("Capture light: estimated from the object");
     let session = &d.viewer().session;
     let estimate = session.estimate().cloned().expect("it was asked");
-    assert!(estimate.is_good() && estimate.confidence > 0.9);
+    assert!(estimate.is_told() && estimate.confidence > 0.9);
     assert!(!session.source_is_assumed() && session.canvas.live().has_relit(0));
     assert!(d.folder.path("own.ply.best.light").exists(), "it is kept");
     let toward = |d: &mut Driver| {
@@ -63,8 +65,8 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     d.after(|v| v.open(Path::new(&few)));
     d.harness.get_by_label("Capture light: unknown");
     let session = &d.viewer().session;
-    assert!(session.source_is_assumed() && session.estimate().is_some_and(|e| !e.is_good()));
-    assert_eq!(session.oriented_lights()[0].light.trust, STAND_IN_TRUST);
+    assert!(session.source_is_assumed() && session.estimate().is_some_and(|e| !e.is_told()));
+    assert_eq!(session.oriented_lights()[0].light.trust, LEAST_TRUST);
     let mut told = session.messages.iter();
     assert!(told.any(|m| m.text.contains("cannot be estimated") && m.text.contains("half")));
     assert!(
@@ -85,12 +87,40 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     assert!(!d.viewer().session.source_is_assumed());
     // Taken as linear it tells another, which is estimated anew.
     let before = d.viewer().session.estimate().cloned();
-    d.after(|v| v.session.object_mut().linear = true);
+    d.after(|v| v.session.object_mut().response = CameraResponse::LINEAR);
     let session = &d.viewer().session;
     assert!(session.object().source.is_estimate() && session.estimate().is_some());
     assert_ne!(
         session.estimate().map(|e| e.confidence),
         before.map(|e| e.confidence)
+    );
+}
+
+#[test]
+fn what_is_called_white_is_white_under_the_capture_light() {
+    let mut d = Driver::bundled();
+    d.settle();
+    let albedo = |d: &mut Driver, surfel: usize| {
+        let Some(PreparedTransfer::Directional(best)) = d.viewer().session.prepared() else {
+            panic!("one object by preset best");
+        };
+        best.albedo_around(surfel)
+    };
+    let surfel = (0..d.viewer().session.asset().expect("it is open").cloud.len())
+        .find(|i| albedo(&mut d, *i).into_iter().fold(1.0, f32::min) > 0.3)
+        .expect("something is bright");
+    d.after(|v| {
+        let source = &mut v.session.object_mut().source;
+        (source.strength, source.tint) = (1.0, [1.0, 0.6, 0.4]);
+    });
+    for _ in 0..2 {
+        d.after(|v| v.session.project.take_as_white(0, surfel).expect("bright"));
+    }
+    let white = albedo(&mut d, surfel);
+    // Light that bounced from the rest does not change with the light.
+    assert!(
+        white.iter().all(|a| (a / 0.8 - 1.0).abs() < 0.05),
+        "{white:?}"
     );
 }
 
@@ -117,7 +147,7 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
     assert!(session.estimate().is_none() && session.source_is_assumed());
     d.after(|v| v.session.ask_for_estimate());
     let session = &d.viewer().session;
-    assert!(session.estimate().is_some_and(|e| e.is_good()));
+    assert!(session.estimate().is_some_and(|e| e.is_told()));
     assert!(!session.source_is_assumed());
     assert_eq!(session.project.scene.transfer.method, Method::Harmonic);
 }

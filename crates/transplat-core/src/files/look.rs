@@ -15,6 +15,7 @@ use crate::color::Display;
 use crate::error::{self, Error};
 use crate::images::Layout;
 use crate::present::{Background, View};
+use crate::response::CameraResponse;
 use crate::scene::{
     Animation, Bookmark, Cut, EnvironmentLight, Light, MOST_OBJECTS, Object, Rig, Scene, Variant,
     is_file,
@@ -23,7 +24,10 @@ use crate::settings::{Method, TransferSettings};
 use crate::surfels::{SurfelFilter, UpAxis};
 
 /// The version of looks that this program writes; it reads all up to it.
-const LOOK_VERSION: u32 = 6;
+const LOOK_VERSION: u32 = 7;
+
+/// The version of those whose splats have no camera response other than sRGB, and whose capture lights have no user-set trust.
+const VERSION_WITHOUT_RESPONSE: u32 = 6;
 
 /// The version of those that name neither a layer of a light's file nor a cube below each other, and none of whose splats has an origin.
 const VERSION_WITHOUT_LAYERS: u32 = 5;
@@ -52,8 +56,12 @@ struct Look {
     cut: Option<Vec<Cut>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     up: Option<UpAxis>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    linear: Option<bool>,
+    #[serde(
+        alias = "linear",
+        skip_serializing_if = "CameraResponse::is_default",
+        deserialize_with = "CameraResponse::of_file"
+    )]
+    response: CameraResponse,
     #[serde(skip_serializing_if = "Option::is_none")]
     outside_from: Option<Vec<Vec3>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -132,8 +140,8 @@ impl Look {
     /// Without its object.
     fn of_none(scene: Scene) -> Self {
         let mut look = Self::of(scene);
-        (look.linear, look.outside_from) = (None, None);
-        (look.source, look.hide) = (None, None);
+        look.response = CameraResponse::default();
+        (look.outside_from, look.source, look.hide) = (None, None, None);
         look
     }
 
@@ -142,6 +150,9 @@ impl Look {
         let is_read_anew =
             is_read_anew(&scene) || scene.variants.iter().any(|v| is_read_anew(&v.look));
         let mut objects = scene.objects;
+        let has_response = objects
+            .iter()
+            .any(|o| !o.response.is_default() || o.source.trust.is_some());
         let is_one = objects.len() == 1 && objects[0].is_where_it_was_captured();
         let one = objects.pop_if(|_| is_one);
         let of_one = one.clone().unwrap_or_default();
@@ -157,8 +168,10 @@ impl Look {
             look: Self::of_none(look),
         };
         Self {
-            version: if is_read_anew {
+            version: if has_response {
                 LOOK_VERSION
+            } else if is_read_anew {
+                VERSION_WITHOUT_RESPONSE
             } else if is_of_newest || scene.variants.iter().any(|v| is_lit_anew(&v.look)) {
                 VERSION_WITHOUT_LAYERS
             } else if is_newest {
@@ -172,7 +185,7 @@ impl Look {
             asset: of_one.asset,
             cut: None,
             up: of_one.up,
-            linear: one.as_ref().map(|o| o.linear),
+            response: of_one.response,
             outside_from: one.as_ref().map(|o| o.outside_from.clone()),
             source: one.as_ref().map(|o| o.source.clone()),
             hide: one.map(|o| o.hide),
@@ -203,14 +216,14 @@ impl Look {
         let says_of_one = self.asset.is_some()
             || self.cut.is_some()
             || self.up.is_some()
-            || self.linear.is_some()
+            || !self.response.is_default()
             || self.outside_from.is_some()
             || self.source.is_some()
             || self.hide.is_some();
         let objects = match self.objects {
             Some(_) if says_of_one => {
                 return Err(
-                    "where objects are listed, each has its own asset, cut, source, up, linear, outside_from and hide"
+                    "where objects are listed, each has its own asset, cut, source, up, response, outside_from and hide"
                         .into(),
                 );
             }
@@ -226,7 +239,7 @@ impl Look {
                 asset: self.asset,
                 cut: self.cut.unwrap_or_default(),
                 up: self.up,
-                linear: self.linear.unwrap_or_default(),
+                response: self.response,
                 outside_from: self.outside_from.unwrap_or_default(),
                 source: self.source.unwrap_or_default(),
                 hide: self.hide.unwrap_or_default(),
@@ -412,6 +425,7 @@ fn relative(path: &Path, folder: &Path) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::response::ResponseCurve;
     use crate::scene::EVEN;
     use crate::settings::Method;
     use crate::surfels::{Bounds, UpAxis};
@@ -426,6 +440,30 @@ mod tests {
         let text = look_text(&scene).expect("of characters");
         assert!(text.contains("\"version\": 6"), "{text}");
         assert_eq!(parse(text.as_bytes()), Ok(scene));
+    }
+
+    #[test]
+    fn a_camera_response_comes_back_and_older_looks_say_whether_colour_is_linear() {
+        let mut scene = Scene::default();
+        scene.objects[0].response = CameraResponse {
+            curve: ResponseCurve::Aces,
+            contrast: 1.25,
+        };
+        scene.objects[0].source.trust = Some(0.75);
+        let text = look_text(&scene).expect("of characters");
+        assert!(text.contains("\"version\": 7"), "{text}");
+        assert_eq!(parse(text.as_bytes()), Ok(scene));
+        for (said, response) in [
+            ("true", CameraResponse::LINEAR),
+            ("false", CameraResponse::default()),
+        ] {
+            let one = format!(r#"{{"version": 2, "linear": {said}}}"#);
+            let listed = format!(r#"{{"version": 3, "objects": [{{"linear": {said}}}]}}"#);
+            for text in [one, listed] {
+                let scene = parse(text.as_bytes()).expect("a look");
+                assert_eq!(scene.objects[0].response, response, "{text}");
+            }
+        }
     }
 
     #[test]
@@ -472,7 +510,10 @@ mod tests {
             r#"{"objects": []}"#,
             r#"{"environment": {}}"#,
             r#"{"display": {"exposure": 500}}"#,
-            r#"{"version": 7}"#,
+            r#"{"version": 8}"#,
+            r#"{"response": {"curve": "filmic"}}"#,
+            r#"{"response": {"contrast": 9}}"#,
+            r#"{"source": {"trust": 2}}"#,
             r#"{"lights": [{"type": "lamp"}]}"#,
             r#"{"variants": [{"name": "a", "look": {"asset": "a.ply"}}]}"#,
             r#"{"variants": [{"name": "a", "look": {"variants": [{"name": "b", "look": {}}]}}]}"#,

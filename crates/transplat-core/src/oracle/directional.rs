@@ -15,7 +15,7 @@ use crate::environment::LightSamples;
 use crate::sh::{MAX_COEFFICIENTS, coefficient_count, evaluate_basis, gauss_legendre};
 use crate::surfels::SurfelCloud;
 use crate::transfer::directional::{
-    FIT_FLOOR, FIT_RIDGE, METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, NEIGHBORS,
+    FIT_FLOOR, FIT_RIDGE, LOBE_TRUST, METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, NEIGHBORS,
     NORMAL_OVER_GRAZING, RIDGE, TRUSTED_CORRELATION, TURNS, WIDTHS,
 };
 use crate::transfer::materials::WHITEST;
@@ -266,7 +266,7 @@ impl<'a> OracleDirectional<'a> {
     /// Oracle with a low-confidence source. See [`crate::environment::Illumination::trust`].
     pub fn trusting(mut self, trust: f32) -> Self {
         self.trust = f64::from(trust);
-        for specular_lobe in self.specular_lobe.iter_mut().filter(|_| trust < 1.0) {
+        for specular_lobe in self.specular_lobe.iter_mut().filter(|_| trust < LOBE_TRUST) {
             specular_lobe.reflectance = [0.0; 3];
         }
         self

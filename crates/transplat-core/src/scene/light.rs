@@ -52,6 +52,9 @@ pub struct EnvironmentLight {
     pub strength: f32,
     /// Colour that the light is multiplied by, linear.
     pub tint: [f32; 3],
+    /// User-set trust in a capture light: see [`Illumination::trust`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trust: Option<f32>,
 }
 
 impl Default for EnvironmentLight {
@@ -68,6 +71,7 @@ impl Default for EnvironmentLight {
             up: UpAxis::default(),
             strength: 0.0,
             tint: [1.0; 3],
+            trust: None,
         }
     }
 }
@@ -130,6 +134,7 @@ impl EnvironmentLight {
             self.layer = None;
             self.sky = None;
             self.without_suns = false;
+            self.trust = None;
         }
         self.file = Some(file);
     }
@@ -238,10 +243,18 @@ impl EnvironmentLight {
         if self.mirror {
             light = Cow::Owned(light.mirrored());
         }
-        light.rotated(turn).told(self.gain())
+        let seen = light.rotated(turn).told(self.gain());
+        Illumination {
+            trust: self.trust.unwrap_or(seen.trust),
+            ..seen
+        }
     }
 
     pub(super) fn validate(&self, name: &str) -> Result<()> {
+        let is_share = |trust: f32| (0.0..=1.0).contains(&trust);
+        ensure(self.trust.is_none_or(is_share), || {
+            format!("trust of the {name} is out of range 0 to 1")
+        })?;
         let strength = self.strength;
         ensure(STOPS.contains(&strength), || {
             format!("strength of the {name} {strength} is out of range -60 to 60 stops")

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::cut::{Cut, FARTHEST, MOST_CUTS};
 use super::light::EnvironmentLight;
-use crate::color::Encoding;
 use crate::error::{Result, ensure};
+use crate::response::CameraResponse;
 use crate::surfels::{SurfelCloud, SurfelFilter, UpAxis};
 
 /// The most objects of a scene.
@@ -41,8 +41,13 @@ pub struct Object {
     pub origin: DVec3,
     /// The asset's up axis, where the file's own is not to be believed.
     pub up: Option<UpAxis>,
-    /// The asset's colour is linear already.
-    pub linear: bool,
+    /// Response of the camera that it was captured with. Earlier files say of it whether the colour is linear.
+    #[serde(
+        alias = "linear",
+        skip_serializing_if = "CameraResponse::is_default",
+        deserialize_with = "CameraResponse::of_file"
+    )]
+    pub response: CameraResponse,
     /// Places, in the asset's coordinates, that see its outside: where which side of a surface is its front could not be told.
     pub outside_from: Vec<Vec3>,
     /// Where it stands.
@@ -63,7 +68,7 @@ impl Default for Object {
             locked: false,
             origin: DVec3::ZERO,
             up: None,
-            linear: false,
+            response: CameraResponse::default(),
             outside_from: Vec::new(),
             transform: Transform::default(),
             source: EnvironmentLight::default(),
@@ -94,9 +99,7 @@ impl Object {
 
     /// Applies the settings of reading the file: that makes a cloud of it, which stays whatever else is set.
     pub fn apply_to(&self, cloud: &mut SurfelCloud) {
-        if self.linear {
-            cloud.encoding = Encoding::StoredLinear;
-        }
+        self.response.decode(cloud);
         cloud.outside_from.clone_from(&self.outside_from);
     }
 
@@ -134,6 +137,7 @@ impl Object {
             self.origin.abs().max_element() <= f64::from(FARTHEST),
             || format!("origin: three numbers up to {FARTHEST:e} are expected"),
         )?;
+        self.response.validate()?;
         self.transform.validate()?;
         self.hide.validate()?;
         // What a capture was made under is told by a map of it.

@@ -66,6 +66,9 @@ pub const LEAST_IRRADIANCE: f32 = 1e-6;
 /// A channel of the source with less than that share of its mean irradiance tells nothing: it is filled up to it, in both lights.
 const LEAST_CHANNEL: f32 = 0.05;
 
+/// Trust from which on a source is asked what it mirrored.
+pub const LOBE_TRUST: f32 = 0.6;
+
 /// An asset under its source light, ready for any other.
 #[derive(Clone, Debug)]
 pub struct DirectionalTransfer {
@@ -77,7 +80,7 @@ pub struct DirectionalTransfer {
     pub light_gain: f32,
     /// True where the source was black, and even light was taken in its place.
     pub source_was_black: bool,
-    /// Power to which a change of matte light is taken: [`Illumination::trust`] of the source. What it mirrored is not asked below 1.
+    /// Power to which a change of matte light is taken: [`Illumination::trust`] of the source. What it mirrored is not asked below [`LOBE_TRUST`].
     pub trust: f32,
     /// [`Illumination::user_gain`] of the source.
     user_gain: [f32; 3],
@@ -279,7 +282,7 @@ impl DirectionalTransfer {
             .collect();
         tell(progress, 0.35)?;
         let white = whitest(asset, &divisor);
-        let (specular_lobe, faintly_specular) = if settings.terms.lobe && trust >= 1.0 {
+        let (specular_lobe, faintly_specular) = if settings.terms.lobe && trust >= LOBE_TRUST {
             let mut specular_lobe = fit_lobes(asset, (&light, &radiance), white);
             let faint = if settings.optimizations.has(Optimization::DiffuseSurfels) {
                 SpecularLobe::take_unseen(&mut specular_lobe, white)

@@ -21,7 +21,8 @@ use crate::object::ObjectState;
 use crate::project::canvas::Canvas;
 use crate::project::stages::DROP_IT;
 use crate::project::{Notice, OpenCameras, Project, Remedy};
-use crate::splat::{OpenedWith, Splat, name_of, reading_of, told};
+use crate::reading::Reading;
+use crate::splat::{OpenedWith, Splat, name_of, told};
 use crate::words::of_error;
 
 impl Project {
@@ -83,7 +84,7 @@ impl Project {
         let is_of = |at: usize, object: &Object| states[at].path() == object.asset.as_deref();
         let is_cut_as = |at: usize, object: &Object| {
             let asset = states[at].asset.as_ref();
-            asset.is_none_or(|a| a.cut == object.cut)
+            asset.is_none_or(|a| a.reading.cut == object.cut)
         };
         let mut of: Vec<Option<usize>> = vec![None; objects.len()];
         for (at, object) in objects.iter().enumerate().take(states.len()) {
@@ -168,7 +169,7 @@ impl Project {
         // One that is doubled is not read twice.
         let is_listed = matches!(opened_with, OpenedWith::Listed);
         let open = self.states.iter().filter_map(|s| s.asset.as_ref());
-        let is_it = |a: &&Splat| a.path == path && a.reading() == reading_of(&object);
+        let is_it = |a: &&Splat| a.path == path && a.reading == Reading::of(&object);
         let twin = open.filter(is_it).find(|_| is_listed).cloned();
         let capture = self.capture_for(&path, &object);
         let work = move |_: &_| {
@@ -198,7 +199,7 @@ impl Project {
                 Err(error) => {
                     // What could not be loaded again stays as it was loaded.
                     if let Some(asset) = &project.states[at].asset {
-                        asset.give_back(&mut project.scene.objects[at]);
+                        asset.reading.give_back(&mut project.scene.objects[at]);
                     }
                     project.error(of_error(&error));
                     project.drop_added(at);
@@ -212,20 +213,20 @@ impl Project {
         if object.cut.is_empty() {
             return None;
         }
-        let (linear, outside_from, _) = reading_of(object);
+        let reading = Reading::of(object);
         let mut known = self.captures.iter().filter_map(Weak::upgrade);
-        if let Some(known) = known.find(|c| c.is_of(path, linear, &outside_from)) {
+        if let Some(known) = known.find(|c| c.is_of(path, &reading)) {
             return Some(known);
         }
         let is_of_it = |state: &&ObjectState| {
             let asset = state.asset.as_ref().filter(|a| is_same_file(&a.path, path));
-            asset.is_some_and(|a| (a.is_linear(), &a.cloud.outside_from) == (linear, &outside_from))
+            asset.is_some_and(|a| a.reading.is_of_same_capture(&reading))
         };
         let open = self.states.iter().find(is_of_it)?;
         let whole = open.asset.as_ref()?;
         let (cloud, file) = (whole.cloud.clone(), whole.file.clone());
         let bake = open.whole_directional_bake();
-        let capture = Arc::new(Capture::new(path.to_owned(), cloud, file, bake));
+        let capture = Arc::new(Capture::new(path.to_owned(), reading, cloud, file, bake));
         self.know_capture(&capture);
         Some(capture)
     }
@@ -332,7 +333,11 @@ impl Project {
         let is_twin = |a: &Splat| Arc::ptr_eq(&a.cloud, &asset.cloud);
         let mut others = self.states.iter();
         let twin = others.find(|s| s.asset.as_ref().is_some_and(is_twin));
-        let bakes = twin.map(ObjectState::kept_bakes).unwrap_or_default();
+        // Of other colours it is the same geometry.
+        let last = &self.states[at];
+        let is_recolored = last.asset.as_ref().is_some_and(|a| asset.is_recolored(a));
+        let same = twin.or(is_recolored.then_some(last));
+        let bakes = same.map(ObjectState::kept_bakes).unwrap_or_default();
         let last = &mut self.states[at];
         let (is_added, seeks_room) = (last.is_added, last.seeks_room);
         let mut source = last.source.clone();

@@ -8,7 +8,7 @@ use crate::jobs::{Kind, Work};
 use crate::language::{tr, tr_format};
 use crate::object::ObjectState;
 use crate::project::Project;
-use crate::splat::reading_of;
+use crate::reading::Reading;
 
 impl Project {
     /// Reason why a relit view is not final, in words.
@@ -53,7 +53,7 @@ impl Project {
             let is_listed = object.shown && object.asset.is_some();
             // One that is to be read in another way is still what it was.
             let asset = state.asset.as_ref();
-            let is_there = asset.is_some_and(|a| a.reading() == reading_of(object));
+            let is_there = asset.is_some_and(|a| a.reading == Reading::of(object));
             is_listed && !is_there && !self.is_missing(*at)
         });
         let Some(name) = awaited.next().map(|(at, _)| self.called(at)) else {

@@ -81,10 +81,7 @@ pub fn run(of: &Comparison<'_>, how: Measurement<'_>, device: &Device) -> Result
         }
         let scene = TruthSubject::load(object, device, directions)
             .with_context(|| format!("the object {}", object.name))?;
-        let unknown = of
-            .has_unknown_light
-            .then(|| scene.unknown(device))
-            .transpose()?;
+        let unknown = of.has_unknown_light.then(|| scene.unknown()).transpose()?;
         for variant in &variants {
             let light = unknown.as_ref().and_then(|u| u.light(variant.source));
             let prepared = scene.prepare(variant, light.as_ref())?;
@@ -153,9 +150,9 @@ impl<'a> TruthSubject<'a> {
         Ok(Some(prepared))
     }
 
-    fn unknown(&self, device: &Device) -> Result<Unknown> {
+    fn unknown(&self) -> Result<Unknown> {
         let bake = self.bake(Method::Directional)?;
-        Unknown::new(&self.object.name, &self.cloud, bake, &self.source, device)
+        Unknown::new(&self.object.name, &self.cloud, bake, &self.source)
     }
 
     /// Relights by the light of the capture, which should return it.

@@ -14,7 +14,7 @@ use transplat_core::transfer::directional::DirectionalTransfer;
 
 use super::tables::LightEstimate;
 use super::variants::AssumedSource;
-use transplat_engine::device::Device;
+use transplat_engine::environments::Environment;
 
 /// Stand-ins for an unknown capture light, compared with the true one.
 pub struct Unknown {
@@ -31,18 +31,13 @@ impl Unknown {
         cloud: &SurfelCloud,
         bake: &Bake,
         light: &Illumination,
-        device: &Device,
     ) -> Result<Self> {
         let Bake::Directional(directional) = bake else {
             anyhow::bail!("the light is estimated by a bake for preset best");
         };
         let estimate = estimate_light(cloud, directional, &no_progress)?;
         let even = Illumination::even(MAX_DEGREE);
-        let estimated = if estimate.is_good() {
-            device.light(&estimate.light.map(cloud.up), Method::Directional)?
-        } else {
-            estimate.stand_in()
-        };
+        let estimated = Environment::estimated(&estimate, cloud.up)?.illumination;
         let irradiance = |light: &Illumination| irradiance(cloud, bake, light);
         let truth = irradiance(light)?;
         let compared = [&estimated, &even].map(|l| Ok(compare(cloud, &irradiance(l)?, &truth)));
@@ -116,7 +111,7 @@ fn angle(estimate: &Estimate, light: &Illumination) -> Option<f32> {
     let light_samples = light
         .light_samples
         .as_ref()
-        .filter(|_| estimate.is_good())?;
+        .filter(|_| estimate.is_told())?;
     let all = light_samples.suns.iter().chain(&light_samples.cells);
     let sum: Vec3 = all
         .map(|b| b.direction * b.energy.iter().sum::<f32>())

@@ -9,6 +9,7 @@ use transplat_core::bake::harmonic::DIRECTIONS;
 use transplat_core::camera::APERTURE;
 use transplat_core::files::parse_json;
 use transplat_core::present::Background;
+use transplat_core::response::CONTRASTS;
 use transplat_core::scene::Light;
 use transplat_core::settings::{EPSILON, GLOW_RANGE};
 use transplat_core::surfels::UpAxis;
@@ -53,6 +54,20 @@ pub(super) fn parse_gain(text: &str) -> Result<f64, String> {
         |v: &f64| (0.0..=20.0).contains(v),
         "a number of stops from 0 to 20",
     )
+}
+
+pub(super) fn parse_share(text: &str) -> Result<f64, String> {
+    parsed(
+        text,
+        |v: &f64| (0.0..=1.0).contains(v),
+        "a number from 0 to 1",
+    )
+}
+
+pub(super) fn parse_contrast(text: &str) -> Result<f64, String> {
+    let (least, most) = CONTRASTS.into_inner();
+    let is_good = |v: &f64| CONTRASTS.contains(&(*v as f32));
+    parsed(text, is_good, &format!("a number from {least} to {most}"))
 }
 
 pub(super) fn parse_rows(text: &str) -> Result<usize, String> {

@@ -68,7 +68,7 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     summary.time("export", || {
         delit.write(&asset.file, args.materials, &args.output)
     })?;
-    summary.set("light_told", delit.light_is_known);
+    summary.set("trust", delit.trust);
     summary.set("whitest_albedo", whitest * gain);
     summary.set("glowing_share", emissive);
     summary.set("metallic_share", metallic);

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use glam::DVec3;
 use transplat_core::files::{FileKind, check_readable, file_kind, load_look, load_rig};
+use transplat_core::response::ResponseCurve;
 use transplat_core::scene::{EVEN, EnvironmentLight, Scene, moved_lights};
 use transplat_core::settings::optimizations::Optimizations;
 
@@ -91,7 +92,13 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     };
     let object = &mut scene.objects[0];
     object.up = asset.up.or(object.up);
-    object.linear |= asset.linear;
+    let response = &mut object.response;
+    let linear = asset.linear.then_some(ResponseCurve::Linear);
+    put(&mut response.curve, asset.capture_curve.or(linear));
+    put(
+        &mut response.contrast,
+        asset.capture_contrast.map(|c| c as f32),
+    );
     if !asset.outside_from.is_empty() {
         let places = asset.outside_from.iter();
         let local = |p: &[f64; 3]| (DVec3::from_array(*p) - object.origin).as_vec3();
@@ -153,6 +160,12 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
         &mut scene.objects[0].source.rotation,
         light.capture.rotate_source,
     );
+    let source = &mut scene.objects[0].source;
+    source.trust = light
+        .capture
+        .trust_source
+        .map(|t| t as f32)
+        .or(source.trust);
     put(&mut scene.environment.rotation, light.rotate_target);
     let told = light.capture.source_layout;
     scene.objects[0].source.layout = told.or(scene.objects[0].source.layout);

@@ -177,7 +177,7 @@ pub fn is_as(step: &Scene, scene: &Scene) -> bool {
 }
 
 /// Words for the settings of a look: the longest matching beginning counts.
-const WORDS: [(&str, &str); 57] = [
+const WORDS: [(&str, &str); 58] = [
     ("animation", tr_later("light animation")),
     ("asset", tr_later("splat")),
     ("background", tr_later("background")),
@@ -192,7 +192,7 @@ const WORDS: [(&str, &str); 57] = [
     ("false_color", tr_later("false colours")),
     ("hide", tr_later("filters")),
     ("lights", tr_later("placed lights")),
-    ("linear", tr_later("linear colour")),
+    ("response", tr_later("camera response")),
     ("lut", tr_later("LUT")),
     ("match_strength", tr_later("match exposure")),
     ("note", tr_later("note")),
@@ -209,6 +209,7 @@ const WORDS: [(&str, &str); 57] = [
     ("source/strength", tr_later("strength of the capture light")),
     ("source/tilt", tr_later("capture light tilted")),
     ("source/tint", tr_later("tint of the capture light")),
+    ("source/trust", tr_later("trust in the capture light")),
     ("source/up", tr_later("up axis of the capture light")),
     ("target", tr_later("light")),
     ("target/file", tr_later("new light")),

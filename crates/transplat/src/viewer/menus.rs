@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use eframe::egui::{self, Ui};
 use transplat_core::files::percent_encoded;
 use transplat_core::present::View;
+use transplat_core::response::CameraResponse;
 use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_core::surfels::SurfelFilter;
 
@@ -54,7 +55,7 @@ impl Viewer {
                     let object = |object: &Object| Object {
                         source: same(&object.source),
                         up: None,
-                        linear: false,
+                        response: CameraResponse::default(),
                         outside_from: Vec::new(),
                         hide: SurfelFilter::default(),
                         // What it is, and where it stands, is no setting.

@@ -84,7 +84,7 @@ impl Session {
             Object {
                 source: any.source.clone(),
                 up: any.up,
-                linear: any.linear,
+                response: any.response,
                 outside_from: any.outside_from.clone(),
                 hide: any.hide,
                 ..now

@@ -18,8 +18,8 @@ use super::rigs::mirrored;
 use super::session::Session;
 use super::widgets::named;
 use transplat_engine::language::tr;
-use transplat_engine::project::TARGET;
 use transplat_engine::project::canvas::Canvas;
+use transplat_engine::project::{SOURCE, TARGET};
 
 /// Cosine to where a highlight is wanted from which it is there.
 const NEAR_ENOUGH: f64 = 0.999;
@@ -39,9 +39,13 @@ const BEHIND: f64 = 1.5;
 /// Points from the wipe's line within which it is taken.
 const WIPE_REACH: f32 = 6.0;
 
-/// Way of placing a light by its effect.
+/// Way of setting a light by its effect on an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placing {
+    /// The capture light makes white what is there.
+    White,
+    /// The brightest part of the capture light is mirrored there.
+    CapturedHighlight,
     /// Its reflection is seen where the pointer is.
     Highlight,
     /// Its shadow falls there, of what was under the pointer at the press.
@@ -53,6 +57,8 @@ pub enum Placing {
 /// Says what a click or a drag does now.
 fn say_what_to_do(ui: &Ui, rect: Rect, placing: Placing) {
     let text = match placing {
+        Placing::White => tr("Click what is white. Esc to finish."),
+        Placing::CapturedHighlight => tr("Click a captured highlight. Esc to finish."),
         Placing::Highlight => tr("Click or drag where the light should reflect. Esc to finish."),
         Placing::Shadow => {
             tr("Drag from the shadow caster to where its shadow should fall. Esc to finish.")
@@ -487,23 +493,40 @@ impl Viewport {
 
     /// Places the chosen light by what it does on the objects: where the pointer was pressed, and where it is.
     fn place(&mut self, session: &mut Session, from: Pos2, to: Pos2) {
-        let Some(at) = session.chosen_light() else {
-            return;
-        };
+        let placed = session.chosen_light().unwrap_or_default();
         let was_met = match self.placing {
-            Some(Placing::Aim) => self.aim(session, at, to),
+            // Once: what a drag passes is relit already, or not yet.
+            Some(Placing::White) if from != to => false,
+            Some(Placing::White) => self.take_as_white(session, to),
+            Some(Placing::CapturedHighlight) => {
+                self.turn_highlight(session, to, SOURCE);
+                self.picked(session, to).is_some()
+            }
+            Some(_) if session.project.scene.lights.is_empty() => false,
+            Some(Placing::Aim) => self.aim(session, placed, to),
             Some(Placing::Highlight) => {
                 let found = self.mirrored_at(session, to);
                 if let Some([there, toward]) = found {
-                    session.put_light(at, there, toward.normalize_or(DVec3::Z), 0.0);
+                    session.put_light(placed, there, toward.normalize_or(DVec3::Z), 0.0);
                 }
                 // What is there and not baked yet was told.
                 found.is_some() || self.picked(session, to).is_some()
             }
-            Some(Placing::Shadow) => self.cast_shadow(session, at, from, to),
+            Some(Placing::Shadow) => self.cast_shadow(session, placed, from, to),
             None => false,
         };
         self.has_met |= was_met;
+    }
+
+    /// Sets the capture light so that what is at a point of the window is white, if anything is.
+    fn take_as_white(&self, session: &mut Session, at: Pos2) -> bool {
+        let Some((object, pick)) = self.picked(session, at) else {
+            return false;
+        };
+        if let Err(why) = session.project.take_as_white(object, pick.surfel) {
+            session.info(why);
+        }
+        true
     }
 
     /// Points a light at what is at a point of the window, if anything is.
@@ -595,7 +618,7 @@ impl Viewport {
         if response.double_clicked() {
             if let Some(at) = response.interact_pointer_pos() {
                 if ui.input(|i| i.modifiers.shift) {
-                    self.turn_highlight(session, at);
+                    self.turn_highlight(session, at, TARGET);
                 } else if let Some(pick) = self.pick_at(session, at) {
                     navigation::set_pivot(&mut session.project.pose, up, pick.position);
                 }
@@ -610,15 +633,22 @@ impl Viewport {
         }
     }
 
-    /// Turns the light so that its brightest part is mirrored to the eye where the pointer is.
-    fn turn_highlight(&self, session: &mut Session, at: Pos2) {
-        let Some([_, wanted]) = self.mirrored_at(session, at) else {
+    /// Turns the light of a side so that its brightest part is mirrored to the eye where the pointer is.
+    fn turn_highlight(&self, session: &mut Session, at: Pos2, side: usize) {
+        let Some([_, mut wanted]) = self.mirrored_at(session, at) else {
             return;
         };
-        let Some(brightest) = session.light(TARGET).brightest else {
+        if side == SOURCE {
+            session.selected = self
+                .picked(session, at)
+                .map_or(session.selected, |(o, _)| o);
+            // It shone on the object where that was captured.
+            wanted = session.project.captured_from(session.selected, wanted);
+        }
+        let Some(brightest) = session.light(side).brightest else {
             return session.info(tr("Uniform white has no highlight."));
         };
-        let light = &mut session.project.scene.environment;
+        let light = session.side_mut(side);
         let in_map = brightest.as_dvec3();
         light.bring(in_map, wanted);
         let came = light.map_from_asset(UpAxis::PlusZ).transpose() * in_map;

@@ -6,7 +6,12 @@ use rayon::prelude::*;
 
 use super::nodes::weighted_mean;
 use super::{DirectionalTransfer, LEAST_IRRADIANCE};
+use crate::numeric::weighted_quantile;
 use crate::transfer::materials::{Material, Materials};
+
+/// Surfels that an albedo is the median of, and the cosine between their normals and that of the first at least.
+const AROUND: usize = 24;
+const SAME_WAY: f32 = 0.8;
 
 impl DirectionalTransfer {
     /// The material of each surfel: its matte exitance over what shone on it, and its lobe.
@@ -15,6 +20,31 @@ impl DirectionalTransfer {
         let each = each.map(|i| self.material(i)).collect();
         let seen = self.asset.bake.visible_weight.iter().copied();
         Materials::of(each, seen, whitest)
+    }
+
+    /// Albedo around a surfel, as light and pictures tell it, whatever the trust: the median of the nearest ones that face its way.
+    pub fn albedo_around(&self, surfel: usize) -> [f32; 3] {
+        let (surfels, normals) = (&self.asset.bake.tracer.surfels, &self.asset.bake.normals);
+        let (place, normal) = (surfels[surfel].position, normals[surfel]);
+        let apart = |i: usize| surfels[i].position.distance_squared(place);
+        let mut near: Vec<usize> = (0..surfels.len())
+            .filter(|i| normals[*i].dot(normal) > SAME_WAY && apart(*i).is_finite())
+            .collect();
+        if near.len() > AROUND {
+            near.select_nth_unstable_by(AROUND, |a, b| apart(*a).total_cmp(&apart(*b)));
+            near.truncate(AROUND);
+        }
+        std::array::from_fn(|c| {
+            let albedo = |i: &usize| {
+                let front = weighted_mean(
+                    &self.asset.nodes.weights,
+                    &self.diffuse_of(*i, &mut Vec::new()),
+                );
+                let divisor = self.divisor[*i][0][c].max(LEAST_IRRADIANCE);
+                (f64::from(front[c] * PI * self.light_gain / divisor), 1.0)
+            };
+            weighted_quantile(near.iter().map(albedo).collect(), 0.5).unwrap_or(0.0) as f32
+        })
     }
 
     /// As light and pictures tell it, albedos of any size.

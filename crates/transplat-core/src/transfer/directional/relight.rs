@@ -5,8 +5,8 @@ use rayon::prelude::*;
 use super::neighbors::SHARED_LOBES_ERROR;
 use super::specular_lobe::LEAST_GLOSS;
 use super::{
-    DirectionalLight, DirectionalTransfer, FrontAndBack, Incident, LEAST_IRRADIANCE, Radiance,
-    TURNS, TransferScratch,
+    DirectionalLight, DirectionalTransfer, FrontAndBack, Incident, LEAST_IRRADIANCE, LOBE_TRUST,
+    Radiance, TURNS, TransferScratch,
 };
 use crate::color_rows::ColorRows;
 use crate::environment::Illumination;
@@ -163,7 +163,7 @@ impl Relight for DirectionalTransfer {
                 let diffuse = 100.0 * (n - self.specular_surfels) as f32 / n as f32;
                 let what = format!("the lobe of {diffuse:.0} % of the Gaussians");
                 (what, "their colour shows no visible highlights")
-            } else if self.trust < 1.0 {
+            } else if self.trust < LOBE_TRUST {
                 let why = "reflections cannot be separated from paint without the capture light";
                 ("specular lobe".into(), why)
             } else if cloud.has_view_dependence() {

@@ -142,16 +142,13 @@ impl Project {
         if !state.estimated.ask(&key) {
             return;
         }
-        let light = if estimate.is_good() {
-            Environment::estimated(estimate.light.map(up))
-        } else {
-            Ok(Environment::standing_in(estimate.stand_in()))
-        };
+        let light = Environment::estimated(estimate, up);
         if is_new && !is_known && self.scene.objects[at].source.is_estimate() {
             let message = match estimate.obstacle {
                 None => tr_format!(
-                    "The capture light is estimated from the object (confidence {percent:.0} %). Its tint is assumed. {drop_it}",
+                    "The capture light is estimated from the object (confidence {percent:.0} %, trust {trust:.0} %). Its tint is assumed. {drop_it}",
                     percent = estimate.percent(),
+                    trust = 100.0 * estimate.trust(),
                     drop_it = tr(DROP_IT)
                 ),
                 Some(obstacle) => tr_format!(

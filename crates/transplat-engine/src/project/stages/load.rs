@@ -11,7 +11,8 @@ use crate::estimate;
 use crate::jobs::{Kind, Work};
 use crate::language::tr;
 use crate::project::Project;
-use crate::splat::{OpenedWith, reading_of};
+use crate::reading::Reading;
+use crate::splat::OpenedWith;
 
 impl Project {
     /// Follows the settings that change how the splat is read.
@@ -27,9 +28,8 @@ impl Project {
             asset.up = up;
             asset.ground = ground_plane(&asset.cloud, up);
         }
-        let wanted = reading_of(object);
-        let now = asset.reading();
-        if wanted == now {
+        let wanted = Reading::of(object);
+        if wanted == asset.reading {
             asset.reading_asked = None;
             return;
         }
@@ -38,10 +38,11 @@ impl Project {
         }
         if asset.reading_asked.as_ref() == Some(&wanted) {
             // It was cancelled.
-            asset.give_back(object);
+            asset.reading.give_back(object);
             return;
         }
-        let is_only_outside = (wanted.0, &wanted.2) == (now.0, &now.2);
+        let now = &asset.reading;
+        let is_only_outside = (wanted.response, &wanted.cut) == (now.response, &now.cut);
         asset.reading_asked = Some(wanted);
         if is_only_outside && asset.part.is_none() {
             self.set_outside(at);
@@ -98,6 +99,7 @@ impl Project {
         state.estimated.clear();
         state.estimate_awaited = false;
         if let Some(asset) = &mut state.asset {
+            asset.reading.outside_from = cloud.outside_from.clone();
             asset.cloud = cloud;
         }
     }

@@ -63,8 +63,6 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             }
         }
     });
-    ui.checkbox(&mut session.object_mut().linear, tr("Linear colour"))
-        .on_hover_text(tr("For splats that were trained on linear images."));
     front(ui, viewer);
     noise(ui, &viewer.session);
     let mut turned = 0.0;

@@ -2,12 +2,15 @@
 
 use eframe::egui::{self, Button, Role, Ui};
 use transplat_core::environment::{ImageReading, Layout, PlaceAndTime, Sun, TURBIDITIES};
-use transplat_core::scene::{EVEN, SKY, is_even};
+use transplat_core::response::{CameraResponse, ResponseCurve};
+use transplat_core::scene::{EVEN, EnvironmentLight, SKY, is_even};
 use transplat_core::surfels::UpAxis;
 
+use super::lights::choose_way;
 use crate::viewer::app::Viewer;
 use crate::viewer::session::{SIDES, Session};
 use crate::viewer::tabs::LightPage;
+use crate::viewer::viewport::Placing;
 use crate::viewer::widgets::{
     Control, advanced, angle, button, choice, fact, file, name, named, number,
 };
@@ -117,7 +120,80 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             settings.tint = [1.0; 3];
         }
     });
+    if side == SOURCE {
+        by_click(ui, &mut viewer.viewport.placing);
+        trust(
+            ui,
+            &mut session.object_mut().source,
+            light.illumination.trust,
+        );
+        camera_response(ui, &mut session.object_mut().response);
+    }
     advanced(ui, |ui| lying(ui, viewer, side));
+}
+
+/// Sets the capture light by a click on the object.
+fn by_click(ui: &mut Ui, placing: &mut Option<Placing>) {
+    ui.horizontal_wrapped(|ui| {
+        let ways = [
+            (
+                Placing::White,
+                tr("By white"),
+                tr("Click what is white on the object: sets strength and tint. Esc ends."),
+            ),
+            (
+                Placing::CapturedHighlight,
+                tr("By highlight"),
+                tr("Click a highlight of the capture: rotates the light to where it came from. Esc ends."),
+            ),
+        ];
+        choose_way(ui, placing, &ways);
+    });
+}
+
+/// Trust in the capture light, by its confidence where nobody set it.
+fn trust(ui: &mut Ui, source: &mut EnvironmentLight, by_confidence: f32) {
+    let mut percent = 100.0 * source.trust.unwrap_or(by_confidence);
+    let before = percent;
+    Control {
+        label: tr("Trust"),
+        unit: " %",
+        tip: tr(
+            "How much of the captured light is replaced. An estimate is trusted by its confidence; what is left keeps the captured shading.",
+        ),
+        ..Control::of(0.0..=100.0, 100.0 * by_confidence)
+    }
+    .show(ui, &mut percent);
+    if percent != before {
+        source.trust = Some(percent / 100.0);
+    }
+    let is_partly = percent < 100.0;
+    if is_partly && ui.small_button(tr("Use 100 %")).clicked() {
+        source.trust = Some(1.0);
+    }
+}
+
+/// Curve and contrast of the camera that the splat was captured with.
+fn camera_response(ui: &mut Ui, response: &mut CameraResponse) {
+    ui.separator();
+    let tip = tr("Tone curve that the training images were stored with. It is undone.");
+
+    choice(
+        ui,
+        tr("Tone curve"),
+        tip,
+        &mut response.curve,
+        &ResponseCurve::ALL,
+    );
+    Control {
+        label: tr("Contrast"),
+        tip: tr(
+            "Contrast of the capture over that of the scene. It is undone. A phone's automatic mode has about 1.3.",
+        ),
+        decimals: 2,
+        ..Control::of(0.5..=2.0, 1.0)
+    }
+    .show(ui, &mut response.contrast);
 }
 
 /// Suns of the picture as lights of one's own, or in it again.
@@ -371,7 +447,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     let estimate = estimate.filter(|_| session.object().source.is_estimate());
     ui.label(match estimate {
         _ if is_on_its_way(session) => tr("Unknown: being estimated from the object."),
-        Some(estimate) if estimate.is_good() => tr("Estimated from the object."),
+        Some(estimate) if estimate.is_told() => tr("Estimated from the object."),
         Some(_) => tr("Could not be estimated from this object."),
         None if session.object().source.is_estimate() => tr("Unknown."),
         None => tr("Unknown: uniform white is assumed."),

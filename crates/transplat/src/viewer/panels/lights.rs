@@ -404,17 +404,22 @@ fn by_click(ui: &mut Ui, placing: &mut Option<Placing>) {
                 tr("Click on the object to aim the light there. Esc ends."),
             ),
         ];
-        for (way, text, tip) in ways {
-            let is_on = *placing == Some(way);
-            if ui
-                .selectable_label(is_on, text)
-                .on_hover_text(tip)
-                .clicked()
-            {
-                *placing = (!is_on).then_some(way);
-            }
-        }
+        choose_way(ui, placing, &ways);
     });
+}
+
+/// Buttons of the ways that the next click on an object may set a light, each with its name and tip.
+pub fn choose_way(ui: &mut Ui, placing: &mut Option<Placing>, ways: &[(Placing, &str, &str)]) {
+    for (way, text, tip) in ways {
+        let is_on = *placing == Some(*way);
+        if ui
+            .selectable_label(is_on, *text)
+            .on_hover_text(*tip)
+            .clicked()
+        {
+            *placing = (!is_on).then_some(*way);
+        }
+    }
 }
 
 fn fixed_to(ui: &mut Ui, session: &mut Session, at: usize) {
