@@ -14,7 +14,6 @@ use transplat_core::response::CameraResponse;
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
 use transplat_core::synthetic;
-use transplat_core::transfer::PreparedTransfer;
 use transplat_tests::driver::{Driver, PATIENCE};
 use transplat_tests::{asset, run_json, small_splat};
 
@@ -93,34 +92,6 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     assert_ne!(
         session.estimate().map(|e| e.confidence),
         before.map(|e| e.confidence)
-    );
-}
-
-#[test]
-fn what_is_called_white_is_white_under_the_capture_light() {
-    let mut d = Driver::bundled();
-    d.settle();
-    let albedo = |d: &mut Driver, surfel: usize| {
-        let Some(PreparedTransfer::Directional(best)) = d.viewer().session.prepared() else {
-            panic!("one object by preset best");
-        };
-        best.albedo_around(surfel)
-    };
-    let surfel = (0..d.viewer().session.asset().expect("it is open").cloud.len())
-        .find(|i| albedo(&mut d, *i).into_iter().fold(1.0, f32::min) > 0.3)
-        .expect("something is bright");
-    d.after(|v| {
-        let source = &mut v.session.object_mut().source;
-        (source.strength, source.tint) = (1.0, [1.0, 0.6, 0.4]);
-    });
-    for _ in 0..2 {
-        d.after(|v| v.session.project.take_as_white(0, surfel).expect("bright"));
-    }
-    let white = albedo(&mut d, surfel);
-    // Light that bounced from the rest does not change with the light.
-    assert!(
-        white.iter().all(|a| (a / 0.8 - 1.0).abs() < 0.05),
-        "{white:?}"
     );
 }
 

@@ -12,6 +12,7 @@ use transplat_core::files::{load_look, load_rig, save_look};
 use transplat_core::present::{Background, View};
 use transplat_core::rasterize::pick;
 use transplat_core::scene::{FixedTo, Light, LightKind, RigPreset, SKY, Scene};
+use transplat_core::transfer::PreparedTransfer;
 use transplat_tests::driver::Driver;
 use transplat_tests::{Folder, args, picture, psnr, run_json};
 
@@ -521,4 +522,42 @@ fn keys_come_with_a_look_and_go_one_by_one() {
         d.settle();
         assert_eq!(left(&mut d), expected);
     }
+}
+
+/// A click tells what is white of the capture; the light is then so strong and of such a tint that it is.
+#[test]
+fn what_is_clicked_as_white_is_white_under_the_capture_light() {
+    let mut d = Driver::bundled();
+    d.after(|v| {
+        let source = &mut v.session.object_mut().source;
+        (source.strength, source.tint) = (1.0, [1.0, 0.6, 0.4]);
+    });
+    d.click("Light");
+    let page = d
+        .harness
+        .get_by_role_and_label(Role::Button, "Capture light");
+    page.click();
+    d.settle();
+    // Light that bounces from the rest is not the light's: the second click comes nearer.
+    let mut surfel = 0;
+    for _ in 0..2 {
+        d.click("By white");
+        let at = middle(&d);
+        let (camera, canvas) = camera(&mut d);
+        let [x, y] = [at.x - canvas.min.x, at.y - canvas.min.y].map(|v| v as usize);
+        let cloud = d.viewer().session.asset().expect("a splat").cloud.clone();
+        surfel = pick(&cloud, &camera, &[], x, y)
+            .expect("it is there")
+            .surfel;
+        drag(&mut d, &[at]);
+        d.settle();
+    }
+    let Some(PreparedTransfer::Directional(best)) = d.viewer().session.prepared() else {
+        panic!("one object by preset best");
+    };
+    let white = best.albedo_around(surfel);
+    assert!(
+        white.iter().all(|a| (a / 0.8 - 1.0).abs() < 0.05),
+        "{white:?}"
+    );
 }

@@ -16,6 +16,7 @@ use super::navigation;
 use super::projection::Screen;
 use super::rigs::mirrored;
 use super::session::Session;
+use super::tabs::LightPage;
 use super::widgets::named;
 use transplat_engine::language::tr;
 use transplat_engine::project::canvas::Canvas;
@@ -52,6 +53,16 @@ pub enum Placing {
     Shadow,
     /// It shines there.
     Aim,
+}
+
+impl Placing {
+    /// Page of the panel *Light* that it is chosen on.
+    pub fn page(self) -> LightPage {
+        match self {
+            Self::White | Self::CapturedHighlight => LightPage::CapturedUnder,
+            Self::Highlight | Self::Shadow | Self::Aim => LightPage::Lights,
+        }
+    }
 }
 
 /// Says what a click or a drag does now.

@@ -108,13 +108,11 @@ impl eframe::App for Viewer {
         let hold_before = !ui.ctx().text_edit_focused()
             && ui.input(|i| i.key_down(Key::B) && !i.modifiers.command);
         let overlays = &mut self.session.overlays;
-        let is_about_lights = self.shown.panels
-            && self.preferences.tab == Tab::Light
-            && self.shown.light == LightPage::Lights;
-        overlays.lights = is_about_lights && overlays.light_handles;
-        if !is_about_lights {
-            self.viewport.placing = None;
-        }
+        let has_light_page = self.shown.panels && self.preferences.tab == Tab::Light;
+        let page = has_light_page.then_some(self.shown.light);
+        overlays.lights = page == Some(LightPage::Lights) && overlays.light_handles;
+        let placing = &mut self.viewport.placing;
+        *placing = placing.filter(|way| Some(way.page()) == page);
         egui::CentralPanel::no_frame().show(ui, |ui| {
             self.viewport.navigation = self.preferences.navigation;
             if self.question.is_some() || self.shown.path_field.is_some() {

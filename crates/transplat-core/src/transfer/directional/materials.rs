@@ -35,13 +35,11 @@ impl DirectionalTransfer {
             near.truncate(AROUND);
         }
         std::array::from_fn(|c| {
+            // All of the colour: what of it is gloss depends on the strength that is asked for.
             let albedo = |i: &usize| {
-                let front = weighted_mean(
-                    &self.asset.nodes.weights,
-                    &self.diffuse_of(*i, &mut Vec::new()),
-                );
                 let divisor = self.divisor[*i][0][c].max(LEAST_IRRADIANCE);
-                (f64::from(front[c] * PI * self.light_gain / divisor), 1.0)
+                let albedo = self.asset.means[*i][0][c] * PI * self.light_gain / divisor;
+                (f64::from(albedo), 1.0)
             };
             weighted_quantile(near.iter().map(albedo).collect(), 0.5).unwrap_or(0.0) as f32
         })

@@ -479,7 +479,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
             }
         }
     }
-    ui.weak(format!("{}.", tr(DROP_IT)));
+    ui.weak(tr(DROP_IT));
 }
 
 fn match_strength(ui: &mut Ui, session: &mut Session) {
