@@ -131,7 +131,7 @@ impl Estimate {
         is_certain && self.light.dominant_direction().dot(up.direction()) < LOW_LIGHT
     }
 
-    /// Whether the object tells its light at all.
+    /// True where the object tells its light.
     pub fn is_told(&self) -> bool {
         self.obstacle.is_none()
     }

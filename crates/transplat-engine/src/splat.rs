@@ -149,8 +149,8 @@ impl Splat {
         })
     }
 
-    /// True where it differs from another reading of the same file in its colours alone; the bake of what it is cut out of is then its own.
-    pub fn is_recolored(&self, other: &Self) -> bool {
+    /// Takes the bake of what another reading of the same file is cut out of, where the two differ in their colours alone; true where they do.
+    pub fn takes_bake_of_recolored(&self, other: &Self) -> bool {
         let response = other.reading.response;
         let reading = Reading {
             response,

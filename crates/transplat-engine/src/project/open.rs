@@ -335,7 +335,10 @@ impl Project {
         let twin = others.find(|s| s.asset.as_ref().is_some_and(is_twin));
         // Of other colours it is the same geometry.
         let last = &self.states[at];
-        let is_recolored = last.asset.as_ref().is_some_and(|a| asset.is_recolored(a));
+        let is_recolored = last
+            .asset
+            .as_ref()
+            .is_some_and(|a| asset.takes_bake_of_recolored(a));
         let same = twin.or(is_recolored.then_some(last));
         let bakes = same.map(ObjectState::kept_bakes).unwrap_or_default();
         let last = &mut self.states[at];
