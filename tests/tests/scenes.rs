@@ -1,10 +1,13 @@
 //! Scenes of several objects: drawn as one, relit together, written and probed.
 
 use std::collections::HashMap;
+use std::f32::consts::PI;
 use std::fs;
 use std::path::Path;
 
+use glam::{DVec3, Vec3};
 use transplat_core::color::{Encoding, encode_sh};
+use transplat_core::environment::EnvironmentMap;
 use transplat_core::files::{load_environment, load_splat, write_splat};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::synthetic;
@@ -182,7 +185,7 @@ fn an_object_of_a_scene_whose_first_is_not_shown_stays_where_it_stands() {
     }
     let (placed, _) = load_splat(one.as_ref()).expect("the ball where it stands");
     let around = placed.bounds();
-    assert!(around.center.distance(glam::Vec3::new(0.0, 0.0, 0.5)) < 0.02);
+    assert!(around.center.distance(Vec3::new(0.0, 0.0, 0.5)) < 0.02);
     assert!((around.radius / 0.4 - 1.0).abs() < 0.1, "{}", around.radius);
     assert_eq!(placed.up, transplat_core::surfels::UpAxis::MinusY);
     let own = folder.path("own/city.ply");
@@ -390,7 +393,7 @@ fn a_probe_sees_the_scene_from_where_an_object_stands_without_it() {
     );
     // The plate is half of radiance 1/2 below; above there is the even light of the capture.
     let map = load_environment(light.as_ref()).expect("a light");
-    let toward = |z: f32| map.sample(glam::Vec3::new(0.0, 0.0, z))[1];
+    let toward = |z: f32| map.sample(Vec3::new(0.0, 0.0, z))[1];
     assert!((toward(1.0) - 1.0).abs() < 0.01, "{}", toward(1.0));
     assert!((toward(-1.0) - 0.5).abs() < 0.05, "{}", toward(-1.0));
     let many = folder.name("many");
@@ -540,4 +543,67 @@ fn what_is_cut_out_of_a_capture_was_lit_by_the_rest() {
         1,
         &["capture.ply", "kept side", "lie between"],
     );
+}
+
+/// A matte ball in a room that shows its lamp clipped at white: taken out, the ball tells how bright that was, and the room what else shone.
+#[test]
+fn what_is_taken_out_of_a_room_is_relit_from_the_light_that_arrived_there() {
+    let folder = Folder::empty();
+    let to_lamp = Vec3::new(0.6, 0.0, 0.8);
+    let is_lamp = |d: Vec3| d.dot(to_lamp) > 0.93;
+    let mut capture = synthetic::sphere(1500);
+    let ball = capture.len();
+    // Radiance 9 over a solid angle of 0.44, and 0.3 all around.
+    let irradiance = |n: Vec3| 0.3 * PI + 9.0 * 0.44 * n.dot(to_lamp).max(0.0);
+    let mut colors: Vec<f32> = (capture.positions.iter())
+        .map(|n| 0.5 * irradiance(*n) / PI)
+        .collect();
+    let walls = synthetic::sphere(8000);
+    colors.extend(
+        walls
+            .positions
+            .iter()
+            .map(|d| if is_lamp(*d) { 1.0 } else { 0.3 }),
+    );
+    capture.add(&walls, 8.0, Vec3::ZERO);
+    capture.scales[ball..].iter_mut().for_each(|s| *s *= 2.0);
+    capture.opacities.fill(0.999);
+    capture.encoding = Encoding::Linear;
+    capture.sh_degree = 0;
+    capture.sh = colors.iter().map(|v| [v / 0.282_095; 3]).collect();
+    write(&folder, "capture.ply", &capture);
+    let object = |keep: &str| {
+        format!(
+            r#"{{"name": "{keep}", "asset": "capture.ply", "up": "+z", "source": {{"file": "estimate"}}, "cut": [{{"keep": "{keep}", "min": [-2, -2, -2], "max": [2, 2, 2]}}]}}"#
+        )
+    };
+    let [ball, room] = ["inside", "outside"].map(object);
+    let scene = |name: &str, objects: &str| {
+        folder.write(name, format!(r#"{{"version": 3, "objects": [{objects}]}}"#))
+    };
+    let within = scene("within.json", &format!("{ball}, {room}"));
+    let alone = scene("alone.json", &ball);
+    let out = folder.name("out.png");
+    let line = "render {} --target even --device cpu --eye 5,0,0 -o {}";
+    for (scene, is_shown) in [(&within, false), (&alone, true)] {
+        let said = run_json(&args(line, &[scene, &out]));
+        let estimate = &said["source_estimate"];
+        assert_eq!(estimate["is_shown_by_surroundings"], is_shown, "{estimate}");
+    }
+    let probe = |more: &str| {
+        let line = format!("probe {{}} --at inside {more} --device cpu -o {{}}");
+        let out = folder.name("light.exr");
+        run_json(&args(&line, &[&within, &out]));
+        load_environment(out.as_ref()).expect("a light")
+    };
+    let truth = |d: DVec3| [if is_lamp(d.as_vec3()) { 9.0 } else { 0.3 }; 3];
+    let truth = EnvironmentMap::of_directions(128, 64, truth);
+    // The ball sees no finer detail than a cosine.
+    let toward = |map: &EnvironmentMap, d: Vec3| map.reduced(128).blurred(20.0).sample(d)[1];
+    let [plain, completed] = ["", "--clipped-like estimate"].map(probe);
+    for (d, clipped) in [(to_lamp, 0.3), (Vec3::new(-0.6, 0.0, -0.8), 1.1)] {
+        let [plain, completed] = [&plain, &completed].map(|map| toward(map, d) / toward(&truth, d));
+        assert!(plain < clipped, "{d}: {plain}");
+        assert!((0.6..1.6).contains(&completed), "{d}: {completed}");
+    }
 }

@@ -6,7 +6,9 @@
 //! surfaces, which are taken to be as white as things are, and from the light that bounces between surfaces. Its mean is taken to be grey.
 
 mod clusters;
+mod expected;
 mod fit;
+mod sky;
 mod strength;
 mod sun;
 #[cfg(test)]
@@ -23,11 +25,13 @@ use crate::environment::{EnvironmentMap, Illumination};
 use crate::error::Result;
 use crate::progress::{Progress, part};
 use crate::sh::{MAX_DEGREE, SQRT_4PI, evaluate_sh};
+use crate::shown_light::ShownLight;
 use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::directional::mean_radiance;
 use clusters::Clusters;
-pub use fit::DEGREE;
+use expected::ExpectedLight;
 use fit::{Explained, Fit, Fitted, FittedLight};
+pub use sky::DEGREE;
 
 /// Trust at least, and where the object tells nothing. To leave the colour as it was captured (0) and to divide all of a wrong light out of it (1)
 /// are wrong by about as much, and in opposite ways: the one keeps the old shading alone, the other lays a new one over it.
@@ -36,6 +40,9 @@ pub const LEAST_TRUST: f32 = 0.5;
 /// Confidences at which trust begins to grow, and from which on it is full: of 48 estimates of six objects, made noisy in seven ways, the best
 /// of those tried.
 const GROWING: [f32; 2] = [0.5, 0.95];
+
+/// Share of the doubt that is left where surroundings show some of the light.
+const SHOWN_DOUBT: f64 = 0.5;
 
 /// Confidence from which on an estimate says where up is.
 const CERTAIN: f32 = 0.6;
@@ -76,8 +83,11 @@ const STRENGTH_FITTED: f64 = 0.9;
 /// A light that was estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatedLight {
-    /// SH coefficients of the natural logarithm of the radiance, to degree [`DEGREE`]. `[K][3]`
+    /// SH coefficients of the natural logarithm of the radiance, to degree [`DEGREE`]; of its ratio to what is shown, where surroundings are. `[K][3]`
     pub log_radiance: Vec<[f32; 3]>,
+    /// Light as the surroundings show it, in the strength of the estimate.
+    #[serde(skip)]
+    pub shown: Option<ShownLight>,
     /// Direction of a sun and its irradiance on a surface that faces it, where there was one to be found.
     pub sun: Option<([f32; 3], [f32; 3])>,
 }
@@ -162,7 +172,8 @@ impl Estimate {
     fn none(obstacle: Obstacle) -> Self {
         Self {
             light: EstimatedLight {
-                log_radiance: vec![[0.0; 3]; fit::SKY + 1],
+                log_radiance: vec![[0.0; 3]; sky::SKY],
+                shown: None,
                 sun: None,
             },
             confidence: 0.0,
@@ -171,19 +182,24 @@ impl Estimate {
     }
 }
 
-/// Estimates the light that `cloud` was captured under; `bake` is the cloud's for the directional method.
+/// Estimates the light that `cloud` was captured under; `bake` is the cloud's for the directional method, `shown` the light that its surroundings
+/// show, where it was captured among others.
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`] when `progress` asked for it.
 pub fn estimate_light(
     cloud: &SurfelCloud,
     bake: &DirectionalBake,
+    shown: Option<&ShownLight>,
     progress: Progress<'_>,
 ) -> Result<Estimate> {
     let radiance = mean_radiance(cloud, &bake.normals);
     let clusters = Clusters::new(cloud, bake, &radiance);
-    let up = cloud.up.direction();
-    let mut near = Fit::new(&clusters, NEIGHBORS, up);
+    let expected = match shown {
+        Some(shown) => ExpectedLight::shown(shown),
+        None => ExpectedLight::from_above(cloud.up.direction()),
+    };
+    let mut near = Fit::new(&clusters, NEIGHBORS, &expected);
     if clusters.len() < FEWEST_CLUSTERS || near.has_no_pairs() {
         let has_light = radiance.iter().any(|[b, _]| b.iter().any(|v| *v > 0.0));
         let is_black = !has_light && !cloud.is_empty();
@@ -201,7 +217,7 @@ pub fn estimate_light(
     let mut far = None;
     if sky.noise.sqrt() >= NOISY {
         let share = (MANY_SHARE * clusters.len() as f64) as usize;
-        let fit = Fit::new(&clusters, share.clamp(NEIGHBORS, MANY_NEIGHBORS), up);
+        let fit = Fit::new(&clusters, share.clamp(NEIGHBORS, MANY_NEIGHBORS), &expected);
         sky = sky_of(&fit)?;
         far = Some(fit);
     }
@@ -210,17 +226,29 @@ pub fn estimate_light(
     let Fitted {
         light, explained, ..
     } = with_sun.unwrap_or(sky);
-    let even = fit.explain(&FittedLight::even());
+    let even = Fit::new(&clusters, NEIGHBORS, &ExpectedLight::even());
+    let even = even.explain(&FittedLight::even());
     let step = part(progress, SUN_FITTED, STRENGTH_FITTED);
-    let strength = strength::find(&mut near, &light, explained.strength, &step)?;
+    let strength = match shown {
+        Some(_) => 1.0,
+        None => strength::find(&mut near, &light, explained.strength, &step)?,
+    };
     let mut fit = far.unwrap_or(near);
     fit.strength = Some(strength);
-    let fitted = fit.run(light, &part(progress, STRENGTH_FITTED, 1.0))?;
-    Ok(judge(&clusters, &even, fitted))
+    let mut fitted = fit.run(light, &part(progress, STRENGTH_FITTED, 1.0))?;
+    if shown.is_some() {
+        fit.settle(&mut fitted);
+    }
+    Ok(judge(&clusters, &even, fitted, shown))
 }
 
-fn judge(clusters: &Clusters, even: &Explained, fitted: Fitted) -> Estimate {
-    let of_even = EstimatedLight::new(&FittedLight::even(), even);
+fn judge(
+    clusters: &Clusters,
+    even: &Explained,
+    fitted: Fitted,
+    shown: Option<&ShownLight>,
+) -> Estimate {
+    let of_even = EstimatedLight::new(&FittedLight::even(), even, None);
     let mean = |value: &dyn Fn(usize) -> f64| -> f64 {
         let each = clusters.mass.iter().enumerate();
         each.map(|(i, m)| m * value(i)).sum()
@@ -234,7 +262,11 @@ fn judge(clusters: &Clusters, even: &Explained, fitted: Fitted) -> Estimate {
         .sum::<f64>()
         / 3.0;
     let explained = (unevenness - fitted.open).max(0.0);
-    let confidence = explained / (unevenness + fitted.noise);
+    let told = explained / (unevenness + fitted.noise);
+    let confidence = match shown {
+        Some(_) => 1.0 - SHOWN_DOUBT * (1.0 - told),
+        None => told,
+    };
     let each = clusters.normals.iter().zip(&clusters.mass);
     let facing: Vec3 = each.map(|(n, m)| n.normalize_or_zero() * *m as f32).sum();
     let obstacle = if !confidence.is_finite() {
@@ -248,7 +280,7 @@ fn judge(clusters: &Clusters, even: &Explained, fitted: Fitted) -> Estimate {
     };
     Estimate {
         light: match obstacle {
-            None => EstimatedLight::new(&fitted.light, &fitted.explained),
+            None => EstimatedLight::new(&fitted.light, &fitted.explained, shown),
             Some(_) => of_even,
         },
         confidence: match obstacle {
@@ -260,14 +292,20 @@ fn judge(clusters: &Clusters, even: &Explained, fitted: Fitted) -> Estimate {
 }
 
 impl EstimatedLight {
-    fn new(light: &FittedLight, explained: &Explained) -> Self {
+    fn new(light: &FittedLight, explained: &Explained, shown: Option<&ShownLight>) -> Self {
         let scale: [f64; 3] =
             std::array::from_fn(|c| explained.strength / explained.mean_radiance[c]);
-        let constant = scale.map(|s| (s.ln() * SQRT_4PI) as f32);
-        let bands =
-            (0..fit::SKY).map(|k| std::array::from_fn(|c| (light.sky[c][k] * SQRT_4PI) as f32));
+        let mut log_radiance: Vec<[f32; 3]> = (0..sky::SKY)
+            .map(|k| std::array::from_fn(|c| (light.sky[c][k] * SQRT_4PI) as f32))
+            .collect();
+        if shown.is_none() {
+            for c in 0..3 {
+                log_radiance[0][c] += (scale[c].ln() * SQRT_4PI) as f32;
+            }
+        }
         Self {
-            log_radiance: [constant].into_iter().chain(bands).collect(),
+            log_radiance,
+            shown: shown.map(|shown| shown.tinted(scale.map(|s| s as f32))),
             sun: light.sun.as_ref().map(|sun| {
                 let energy = std::array::from_fn(|c| (scale[c] * light.sun_energy(c)) as f32);
                 (sun.direction.to_array(), energy)
@@ -279,7 +317,7 @@ impl EstimatedLight {
     pub(crate) fn is_sound(&self) -> bool {
         let sun = self.sun.iter().flat_map(|(d, e)| [d, e]);
         let mut values = self.log_radiance.iter().chain(sun).flatten();
-        self.log_radiance.len() == fit::SKY + 1 && values.all(|v| v.is_finite())
+        self.log_radiance.len() == sky::SKY && values.all(|v| v.is_finite())
     }
 
     /// Where most of the light comes from, in the asset's coordinates: the unit vector along the sum of all light.
@@ -294,7 +332,12 @@ impl EstimatedLight {
 
     /// Radiance of the sky, without the sun.
     pub fn sky_radiance(&self, d: Vec3) -> [f32; 3] {
-        evaluate_sh(&self.log_radiance, DEGREE, d.to_array()).map(f32::exp)
+        let log = evaluate_sh(&self.log_radiance, DEGREE, d.to_array());
+        let Some(shown) = &self.shown else {
+            return log.map(f32::exp);
+        };
+        let (radiance, doubt) = shown.toward(d);
+        std::array::from_fn(|c| radiance[c] * (doubt * log[c]).exp())
     }
 
     /// As a map that any program can open, upright for an asset with that up axis. The sun is a small disc in it.

@@ -62,6 +62,7 @@ pub mod response;
 pub mod scene;
 pub mod settings;
 pub mod sh;
+pub mod shown_light;
 pub mod surfels;
 pub mod synthetic;
 pub mod transfer;

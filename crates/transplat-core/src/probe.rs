@@ -17,10 +17,10 @@ use crate::surfels::UpAxis;
 pub const DEFAULT_ROWS: usize = 128;
 
 /// An encoded value from which a capture is taken to be clipped: half of its noise below white.
-const CLIPPED: f32 = 0.98;
+pub(crate) const CLIPPED: f32 = 0.98;
 
 /// Samples of a map's pixel along each edge.
-const SAMPLES: usize = 3;
+pub(crate) const SAMPLES: usize = 3;
 
 /// The six directions of a cube map, each with what is up in its picture.
 const FACES: [[Vec3; 2]; 6] = [
@@ -96,7 +96,7 @@ impl Cube {
     }
 
     /// Encoded colour and coverage towards a direction.
-    fn toward(&self, d: Vec3) -> ([f32; 3], f32) {
+    pub(crate) fn toward(&self, d: Vec3) -> ([f32; 3], f32) {
         let ahead = |(camera, _): &&(Camera, Raster)| camera.view_from_world.row(2).dot(d);
         let face = (self.faces.iter()).max_by(|a, b| ahead(a).total_cmp(&ahead(b)));
         let Some((camera, raster)) = face else {
@@ -203,7 +203,7 @@ fn is_clipped(encoded: [f32; 3]) -> bool {
 }
 
 /// Direction of a point of a map, in pixels.
-fn direction_in(map: &EnvironmentMap, column: f64, row: f64) -> DVec3 {
+pub(crate) fn direction_in(map: &EnvironmentMap, column: f64, row: f64) -> DVec3 {
     use std::f64::consts::PI;
     let polar = PI * (row + 0.5) / map.height() as f64;
     let azimuth = PI - 2.0 * PI * (column + 0.5) / map.width() as f64;

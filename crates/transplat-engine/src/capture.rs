@@ -15,6 +15,7 @@ use transplat_core::progress::{Progress, no_progress};
 use transplat_core::scene::{Object, kept};
 use transplat_core::settings::optimizations::Optimizations;
 use transplat_core::settings::{Method, TransferSettings};
+use transplat_core::shown_light::ShownLight;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, TransferCache};
 
@@ -147,6 +148,9 @@ impl Capture {
     }
 }
 
+/// Share of the sphere from which on a part is enclosed by its surroundings: open ground is half of it.
+const ENCLOSED: f32 = 0.6;
+
 /// Object that is cut out of a capture.
 #[derive(Clone)]
 pub struct CutPart {
@@ -154,9 +158,22 @@ pub struct CutPart {
     pub capture: Arc<Capture>,
     /// Indices of its surfels.
     pub surfels: Arc<[usize]>,
+    /// Light as its surroundings show it, where they enclose it as a room does. What lit it there is known at its place alone: what rays meet there
+    /// is clipped, or no camera saw it.
+    pub enclosing_light: Option<Arc<ShownLight>>,
 }
 
 impl CutPart {
+    /// Some surfels of a capture.
+    pub fn new(capture: Arc<Capture>, surfels: Arc<[usize]>) -> Self {
+        let shown = ShownLight::around(&capture.cloud, &surfels);
+        Self {
+            capture,
+            surfels,
+            enclosing_light: (shown.cover >= ENCLOSED).then(|| Arc::new(shown)),
+        }
+    }
+
     /// Bake of the whole that the part's bake needs.
     pub fn of_whole(
         &self,

@@ -31,7 +31,7 @@ pub fn make_and_keep(
     bake: &DirectionalBake,
     progress: Progress<'_>,
 ) -> transplat_core::Result<Estimate> {
-    let estimate = estimate_light(cloud, bake, progress)?;
+    let estimate = estimate_light(cloud, bake, None, progress)?;
     // Where nothing can be kept, it is estimated again the next time.
     let _ = keep(&place.files(cloud, SUFFIX), |file| {
         save_estimate(file, cloud, &estimate)
@@ -69,6 +69,10 @@ pub fn estimate_in_words(estimate: &Estimate, up: UpAxis) -> String {
         Some((d, _)) => format!("a sun at {:.2} {:.2} {:.2}", d[0], d[1], d[2]),
         None => "no sun".into(),
     };
+    let known = match estimate.light.shown {
+        Some(_) => "the surroundings of the object show some of it",
+        None => "its tint is assumed",
+    };
     let low_confidence = if estimate.may_lie_on_its_side(up) {
         format!(
             "; that is the side or below, with {} up: is it (--up)?",
@@ -78,7 +82,7 @@ pub fn estimate_in_words(estimate: &Estimate, up: UpAxis) -> String {
         String::new()
     };
     format!(
-        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %, trust {:.0} %; its tint is assumed{low_confidence}",
+        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %, trust {:.0} %; {known}{low_confidence}",
         from.x,
         from.y,
         from.z,
@@ -95,6 +99,7 @@ pub fn estimate_as_json(estimate: &Estimate) -> serde_json::Value {
         "trust": estimate.trust(),
         "is_good": estimate.is_told(),
         "obstacle": estimate.obstacle,
+        "is_shown_by_surroundings": light.shown.is_some(),
         "dominant_direction": estimate.is_told().then(|| light.dominant_direction().to_array()),
         "sun_direction": sun.map(|(direction, _)| direction),
         "sun_irradiance": sun.map(|(_, energy)| energy),

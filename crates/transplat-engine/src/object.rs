@@ -60,7 +60,7 @@ pub struct ObjectState {
     /// Visibility by method.
     pub bakes: HashMap<Method, Derived<BakeKey, Baked>>,
     /// Estimate of the capture light.
-    pub estimate: Derived<(), Estimate>,
+    pub estimate: Derived<bool, Estimate>,
     /// The light that is made of that, by its version and the up axis.
     pub estimated: Derived<(u64, UpAxis), Arc<Environment>>,
     /// True where an estimate was awaited when it was last looked for.
@@ -220,8 +220,8 @@ pub type InsertedKey = (u64, Vec<(u64, OrientedLight)>, TransferSettings);
 /// it, and what of the objects is not seen.
 pub type JointKey = (Vec<u64>, u64, OrientedLight, (Part, bool), Vec<u64>);
 
-/// Directions. The fronts are the asset's: with others, what was baked is dropped.
-pub type BakeKey = usize;
+/// Directions, and whether it is baked without the capture that it is cut out of. The fronts are the asset's: with others, what was baked is dropped.
+pub type BakeKey = (usize, bool);
 
 /// All that a preparation depends on: the bake by its version.
 #[derive(Clone, PartialEq)]
@@ -232,6 +232,8 @@ pub struct PrepareKey {
     pub source: OrientedLight,
     /// Method and terms.
     pub settings: TransferSettings,
+    /// True where it is relit without the capture that it is cut out of.
+    pub is_taken_out: bool,
 }
 
 /// A prepared transfer.

@@ -82,8 +82,7 @@ impl Splat {
             let mut object = object.clone();
             object.take_origin(capture.cloud.origin, DVec3::ZERO);
             let surfels = part_of(&path, &object, &capture.cloud)?;
-            let capture = capture.clone();
-            Some(CutPart { capture, surfels })
+            Some(CutPart::new(capture.clone(), surfels))
         };
         let (cloud, file) = match &part {
             None => (capture.cloud.clone(), capture.file.clone()),

@@ -82,7 +82,7 @@ pub enum Command {
     Estimate(EstimateArgs),
     /// Write the light at a place in a scene, as the scene's own splat shows it.
     #[command(
-        after_help = "Examples:\n  transplat probe yard.ply --at 0.1,0.6,0.2 -o light.exr\n  transplat probe scene.json --at vase -o light.exr\n\nThe light is an equirectangular map for --source and --target. A scene that was trained on display-encoded images is clipped at white, and a warning says how much of the light that is."
+        after_help = "Examples:\n  transplat probe yard.ply --at 0.1,0.6,0.2 -o light.exr\n  transplat probe scene.json --at vase -o light.exr\n\nThe light is an equirectangular map for --source and --target. A scene that was trained on display-encoded images is clipped at white, and a warning says how much of the light that is. At an object that is cut out of a room, --clipped-like estimate completes what is clipped or was not photographed by the object's own shading."
     )]
     Probe(ProbeArgs),
     /// Write placed lights, and the environment around them, as one environment map.

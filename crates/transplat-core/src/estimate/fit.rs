@@ -7,19 +7,15 @@ use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::clusters::{Clusters, Pair};
-use super::white::plausible_strength;
+use super::expected::ExpectedLight;
+use super::sky::{SKY, nearest_direction, sky_basis};
+use super::white::{WHITE_SD, White, whitest};
 use crate::bake::strata::{DIRECTIONS, directions};
 use crate::error::Result;
 use crate::numeric::weighted_quantile;
 use crate::progress::{Progress, tell};
 use crate::settings::Method;
-use crate::sh::{SQRT_4PI, band_of, coefficient_count, evaluate_basis};
-
-/// SH degree of the logarithm of the light.
-pub const DEGREE: usize = 6;
-
-/// Unknowns of the sky in a channel: its mean is fixed, since no object tells how strong the light is.
-pub(super) const SKY: usize = coefficient_count(DEGREE) - 1;
+use crate::sh::band_of;
 
 /// Turns at most, and the largest step that ends them.
 const TURNS: usize = 16;
@@ -43,8 +39,8 @@ const VARIANCE_OF_MEDIAN: f64 = 1.27;
 /// Radiance at least, relative to what is bright, where its logarithm is taken.
 const LEAST_RADIANCE: f64 = 1e-4;
 
-/// Mean of the prior of the sky's logarithm along the up axis (basis of mean square 1): the upper half is 2.8 times as bright as the lower.
-const ABOVE: f64 = 0.6;
+/// Precision of the constant coefficient: by how much all that is in doubt may differ from what is shown.
+const CONSTANT_PRECISION: f64 = 0.5;
 
 /// A sun's energy is held by hardly more than the object.
 const SUN_PRECISION: f64 = 1e-3;
@@ -92,27 +88,16 @@ impl FittedLight {
         SKY + usize::from(self.sun.is_some())
     }
 
-    /// Radiance of the sky towards a direction that has that basis.
-    pub fn sky_radiance(&self, channel: usize, basis: &[f64]) -> f64 {
-        let log: f64 = self.sky[channel]
-            .iter()
-            .zip(basis)
-            .map(|(y, b)| y * b)
-            .sum();
-        log.clamp(-MOST_LOG, MOST_LOG).exp()
-    }
-
     pub fn sun_energy(&self, channel: usize) -> f64 {
         let log = self.sun.as_ref().map(|s| s.log_energy[channel]);
         log.map_or(0.0, |log| log.clamp(-MOST_LOG, MOST_LOG).exp())
     }
 }
 
-/// Basis functions towards a direction, of mean square 1, without the constant one. `[SKY]`
-pub(super) fn sky_basis(d: Vec3) -> Vec<f64> {
-    let mut values = vec![0f64; SKY + 1];
-    evaluate_basis(d.as_dvec3().to_array(), DEGREE, &mut values);
-    values[1..].iter().map(|v| v * SQRT_4PI).collect()
+/// Radiance by its logarithm: what is shown of it, and coefficients times a basis.
+fn radiance_of(shown: f64, sky: &[f64], basis: impl Iterator<Item = f64>) -> f64 {
+    let log: f64 = sky.iter().zip(basis).map(|(y, b)| y * b).sum();
+    (shown + log).clamp(-MOST_LOG, MOST_LOG).exp()
 }
 
 /// Explanation of the clusters by a light.
@@ -137,8 +122,14 @@ pub(super) struct Fit<'a> {
     pairs: Vec<Pair>,
     /// Mean radiance of the light, where that is known.
     pub strength: Option<f64>,
-    /// [`sky_basis`] over the bake's directions. `[SKY][DIRECTIONS]`
+    /// [`sky_basis`] over the bake's directions, times the doubt of each. `[SKY][DIRECTIONS]`
     basis: DMatrix<f32>,
+    /// Logarithm of the radiance that is shown over the bake's directions. `[3][DIRECTIONS]`
+    shown: [Vec<f64>; 3],
+    /// Doubt of it. `[DIRECTIONS]`
+    doubt: Vec<f64>,
+    /// Divisor of the radiance by channel where its unit is known, since surroundings show some of it; else its mean.
+    pub unit: Option<[f64; 3]>,
     /// Mean and precision of each coefficient's prior. `[SKY]`
     prior: Vec<f64>,
     precision: Vec<f64>,
@@ -166,18 +157,21 @@ pub(super) struct Fitted {
 }
 
 impl<'a> Fit<'a> {
-    /// A fit to clusters, each compared with so many nearest ones, of a light that comes from above rather than from below.
-    pub fn new(clusters: &'a Clusters, neighbors: usize, up: Vec3) -> Self {
+    /// A fit to clusters, each compared with so many nearest ones, of a light like the expected one.
+    pub fn new(clusters: &'a Clusters, neighbors: usize, expected: &ExpectedLight) -> Self {
         let pairs = clusters.pairs(neighbors);
         let columns: Vec<Vec<f64>> = directions().iter().map(|d| sky_basis(*d)).collect();
-        let band = |k: usize| band_of(k + 1) as f64;
+        let basis = |k: usize, j: usize| (expected.doubt[j] * columns[j][k]) as f32;
         Self {
-            strength: None,
+            strength: expected.is_shown.then_some(1.0),
             clusters,
             pairs,
-            prior: prior(up),
-            basis: DMatrix::from_fn(SKY, DIRECTIONS, |k, j| columns[j][k] as f32),
-            precision: (0..SKY).map(|k| band(k) * (band(k) + 1.0)).collect(),
+            prior: expected.coefficients.clone(),
+            basis: DMatrix::from_fn(SKY, DIRECTIONS, basis),
+            shown: expected.log_radiance.clone(),
+            doubt: expected.doubt.clone(),
+            unit: expected.is_shown.then_some([1.0; 3]),
+            precision: (0..SKY).map(precision).collect(),
             epsilon: f64::from(Method::Directional.epsilon()),
         }
     }
@@ -185,6 +179,13 @@ impl<'a> Fit<'a> {
     /// True where no two clusters can be compared.
     pub fn has_no_pairs(&self) -> bool {
         self.pairs.is_empty()
+    }
+
+    /// Radiance of a light's sky towards a direction, in any unit.
+    pub fn sky_radiance(&self, light: &FittedLight, d: Vec3) -> [f64; 3] {
+        let j = nearest_direction(d);
+        let basis = sky_basis(d).into_iter().map(|b| self.doubt[j] * b);
+        [0, 1, 2].map(|c| radiance_of(self.shown[c][j], &light.sky[c], basis.clone()))
     }
 
     pub fn explain(&self, light: &FittedLight) -> Explained {
@@ -198,12 +199,12 @@ impl<'a> Fit<'a> {
             let mut sky: Vec<f64> = (0..DIRECTIONS)
                 .map(|j| {
                     let basis = self.basis.column(j);
-                    let each = basis.iter().zip(&light.sky[c]);
-                    let log: f64 = each.map(|(b, y)| f64::from(*b) * y).sum();
-                    log.clamp(-MOST_LOG, MOST_LOG).exp()
+                    let basis = basis.iter().map(|b| f64::from(*b));
+                    radiance_of(self.shown[c][j], &light.sky[c], basis)
                 })
                 .collect();
-            let mean = sky.iter().sum::<f64>() / DIRECTIONS as f64 + energy / (4.0 * PI);
+            let mean = || sky.iter().sum::<f64>() / DIRECTIONS as f64 + energy / (4.0 * PI);
+            let mean = self.unit.map_or_else(mean, |unit| unit[c]);
             for r in &mut sky {
                 *r /= mean;
             }
@@ -246,14 +247,58 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// The strength with which the whitest albedo is plausible.
-    fn plausible_strength(&self, direct: &[[f64; 3]]) -> f64 {
-        let clusters = self.clusters;
+    /// Strength of a light by the whitest surfaces, from their irradiance by it.
+    fn white(&self, direct: &[[f64; 3]]) -> Option<White> {
         let lit = direct.iter().map(|d| d.map(|v| v + self.epsilon * PI));
         let lit: Vec<[f64; 3]> = lit.collect();
-        let strength = plausible_strength(clusters, &self.pairs, &lit);
+        whitest(self.clusters, &self.pairs, &lit)
+    }
+
+    /// The strength with which the whitest albedo is plausible.
+    fn plausible_strength(&self, direct: &[[f64; 3]]) -> f64 {
         // Where blocking surfels are so bright that they explain everything, some direct light is left.
-        strength.map_or(1.0, |g| g.max(1e-3 * clusters.bright()))
+        let least = 1e-3 * self.clusters.bright();
+        self.white(direct).map_or(1.0, |w| w.strength.max(least))
+    }
+
+    /// Logarithm by which a light whose unit is known is too weak for the whitest surfaces, and its change with each unknown. `[3 P]`
+    fn too_weak(
+        &self,
+        explained: &Explained,
+        jacobian: &[DMatrix<f64>],
+    ) -> Option<(f64, DVector<f64>)> {
+        let white = self
+            .white(&explained.direct)
+            .filter(|_| self.unit.is_some())?;
+        let p = jacobian[0].nrows();
+        let mut change = DVector::zeros(3 * p);
+        let mass: f64 = white.clusters.iter().map(|i| self.clusters.mass[*i]).sum();
+        for i in white.clusters {
+            let lit: f64 = explained.direct[i].iter().sum();
+            for (c, jacobian) in jacobian.iter().enumerate() {
+                let share =
+                    explained.log_irradiance[i][c].exp() / lit.max(1e-12) / explained.strength;
+                let weight = -self.clusters.mass[i] / mass * share;
+                change
+                    .rows_mut(c * p, p)
+                    .axpy(weight, &jacobian.column(i), 1.0);
+            }
+        }
+        Some((white.strength.max(1e-6).ln(), change))
+    }
+
+    /// Settles a shown light between what the surroundings and what the object tell of it: its strength between their unit and the whitest surfaces,
+    /// its tint between theirs and grey.
+    pub fn settle(&mut self, fitted: &mut Fitted) {
+        let white = self.plausible_strength(&fitted.explained.direct);
+        let means = [0, 1, 2].map(|c| {
+            let sky = fitted.explained.radiance[c].iter().sum::<f64>() / DIRECTIONS as f64;
+            sky + fitted.light.sun_energy(c) / (4.0 * PI)
+        });
+        let grey = means.iter().sum::<f64>() / 3.0;
+        self.unit = Some(means.map(|mean| (mean / grey).sqrt()));
+        self.strength = Some(white.sqrt());
+        fitted.explained = self.explain(&fitted.light);
     }
 
     /// Squared difference of each pair, the mean of its channels, with what the pair counts.
@@ -296,7 +341,11 @@ impl<'a> Fit<'a> {
                 }
             }
         }
-        misfit + prior
+        let white = self
+            .white(&explained.direct)
+            .filter(|_| self.unit.is_some());
+        let too_weak = white.map_or(0.0, |w| w.strength.max(1e-6).ln() / WHITE_SD);
+        misfit + prior + 0.5 * too_weak * too_weak
     }
 
     /// Goes on from a light until nothing changes any more.
@@ -329,7 +378,12 @@ impl<'a> Fit<'a> {
             .into_par_iter()
             .map(|c| self.jacobian(light, explained, c))
             .collect();
-        let (matrix, gradient) = self.normal_equations(light, explained, &jacobian, noise);
+        let (mut matrix, mut gradient) = self.normal_equations(light, explained, &jacobian, noise);
+        if let Some((log, change)) = self.too_weak(explained, &jacobian) {
+            let precision = 1.0 / (WHITE_SD * WHITE_SD);
+            matrix.ger(precision, &change, &change, 1.0);
+            gradient.axpy(precision * log, &change, 1.0);
+        }
         let factor = Cholesky::new(matrix)?;
         Some(Solved {
             step: -factor.solve(&gradient),
@@ -344,8 +398,11 @@ impl<'a> Fit<'a> {
         let (n, p) = (clusters.len(), light.unknowns());
         let sky = &explained.radiance[c];
         let lit = DMatrix::from_fn(SKY, DIRECTIONS, |k, j| self.basis[(k, j)] * sky[j] as f32);
+        let is_kept = if self.unit.is_some() { 0.0 } else { 1.0 };
         let of_mean: Vec<f64> = (0..SKY)
-            .map(|k| lit.row(k).iter().map(|v| f64::from(*v)).sum::<f64>() / DIRECTIONS as f64)
+            .map(|k| {
+                is_kept * lit.row(k).iter().map(|v| f64::from(*v)).sum::<f64>() / DIRECTIONS as f64
+            })
             .collect();
         let seen = DMatrixView::from_slice(&clusters.seen, DIRECTIONS, n);
         let of_sky = lit * seen;
@@ -355,7 +412,9 @@ impl<'a> Fit<'a> {
             let direct = explained.direct[i][c];
             for (k, v) in column.iter_mut().enumerate() {
                 *v = match &light.sun {
-                    Some(sun) if k == SKY => sun.seen[i] * energy - direct * energy / (4.0 * PI),
+                    Some(sun) if k == SKY => {
+                        sun.seen[i] * energy - is_kept * direct * energy / (4.0 * PI)
+                    }
                     _ => f64::from(of_sky[(k, i)]) - direct * of_mean[k],
                 };
             }
@@ -438,18 +497,14 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// Mean of each coefficient of the sky's prior. `[SKY]`
-pub(super) fn prior(up: Vec3) -> Vec<f64> {
-    // The first band's functions are proportional to the coordinates, and their squares sum to 3.
-    let mut mean = sky_basis(up);
-    for (k, value) in mean.iter_mut().enumerate() {
-        *value *= if band_of(k + 1) == 1 {
-            ABOVE / 3f64.sqrt()
-        } else {
-            0.0
-        };
+/// Precision of the prior of coefficient `k`: fine detail is less probable than that the light is even.
+pub(super) fn precision(k: usize) -> f64 {
+    let band = band_of(k) as f64;
+    if k == 0 {
+        CONSTANT_PRECISION
+    } else {
+        band * (band + 1.0)
     }
-    mean
 }
 
 /// Two channels' share of the prior's precision: that they differ is less probable than that the light is uneven.

@@ -1,11 +1,9 @@
 //! Strength of the capture light by bounced light, averaged with that by what is white.
 
 use super::fit::{Fit, FittedLight};
+use super::white::WHITE_SD;
 use crate::error::Result;
 use crate::progress::{Progress, tell};
-
-/// Standard deviation of the logarithm of the strength by what is white.
-const WHITE_SD: f64 = 0.18;
 
 /// Strengths that are tried, over the one by what is white.
 const TRIED: [f64; 7] = [0.45, 0.65, 0.85, 1.0, 1.2, 1.5, 2.1];

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::clusters::{Clusters, NONE};
-use super::fit::{Fit, Fitted, FittedLight, FittedSun, sky_basis};
+use super::fit::{Fit, Fitted, FittedLight, FittedSun};
 use crate::bake::directional::DirectionalBake;
 use crate::error::Result;
 use crate::progress::{Progress, part, tell};
@@ -54,10 +54,7 @@ pub(super) fn add_sun(
 fn begin(fit: &Fit<'_>, sky: &FittedLight, bake: &DirectionalBake) -> Option<FittedLight> {
     let radiance: Vec<(Vec3, [f64; 3])> = lattice(SEARCHED)
         .into_iter()
-        .map(|d| {
-            let basis = sky_basis(d);
-            (d, std::array::from_fn(|c| sky.sky_radiance(c, &basis)))
-        })
+        .map(|d| (d, fit.sky_radiance(sky, d)))
         .collect();
     let sum = |v: &[f64; 3]| v.iter().sum::<f64>();
     let (peak, _) = radiance

@@ -3,7 +3,9 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use proptest::prelude::*;
 
-use super::fit::{SKY, coupling, prior, sky_basis};
+use super::expected::ExpectedLight;
+use super::fit::{coupling, precision};
+use super::sky::{SKY, sky_basis};
 use super::*;
 use crate::color::Encoding;
 use crate::oracle::EstimateProblem;
@@ -73,7 +75,7 @@ fn paint(cloud: &mut SurfelCloud, radiance: &[[f32; 3]]) {
 }
 
 fn estimated(cloud: &SurfelCloud, bake: &DirectionalBake) -> Estimate {
-    estimate_light(cloud, bake, &no_progress).expect("not cancelled")
+    estimate_light(cloud, bake, None, &no_progress).expect("not cancelled")
 }
 
 fn estimate(scene: &(SurfelCloud, Arc<DirectionalBake>)) -> Estimate {
@@ -278,11 +280,83 @@ fn a_black_backdrop_changes_little() {
     assert!(off < 0.1, "{off}");
 }
 
+/// An object in a room whose walls show the light on it as a camera does: clipped at white, and nothing where the light is no number.
+fn in_a_room(
+    (object, bake): &(SurfelCloud, Arc<DirectionalBake>),
+    light: impl Fn(Vec3) -> [f32; 3],
+) -> (Estimate, ShownLight) {
+    let walls = synthetic::sphere(20_000);
+    let is_there = |i: &usize| light(walls.positions[*i])[0].is_finite();
+    let mut walls = walls.selected(&(0..walls.len()).filter(is_there).collect::<Vec<_>>());
+    let shown: Vec<_> = (walls.positions.iter())
+        .map(|d| light(*d).map(|v| v.min(1.0)))
+        .collect();
+    paint(&mut walls, &shown);
+    walls.opacities.fill(0.999);
+    walls.scales.iter_mut().for_each(|s| *s *= 2.0);
+    let mut whole = object.clone();
+    whole.add(&walls, 8.0, Vec3::ZERO);
+    let part: Vec<usize> = (0..object.len()).collect();
+    let shown = ShownLight::around(&whole, &part);
+    let found = estimate_light(object, bake, Some(&shown), &no_progress).expect("not cancelled");
+    (found, shown)
+}
+
+#[test]
+fn a_room_shows_its_light_and_the_object_how_bright_its_lamp_is() {
+    let to_lamp = Vec3::new(0.6, 0.0, 0.8);
+    let light = |d: Vec3| match d.dot(to_lamp) > 0.93 {
+        true => [9.0, 8.0, 7.0],
+        false => [0.3 + 0.1 * d.y, 0.3, 0.3 - 0.1 * d.y],
+    };
+    let mut scene = lit(3000, light, None);
+    // Worn paint: what the object tells alone is vague.
+    for (i, color) in scene.0.sh.iter_mut().enumerate() {
+        let worn = (1.2 * (i as f32 * 2.399).sin() * (i as f32 * 0.731).sin()).exp();
+        *color = color.map(|v| worn * v);
+    }
+    let (found, shown) = in_a_room(&scene, light);
+    assert!(shown.cover > 0.95, "{}", shown.cover);
+    // Four fifths of the light are the lamp's, and clipped.
+    let off = unlike(&found.light, light);
+    let without = unlike(&estimate(&scene).light, light);
+    assert!(
+        off < 0.12 && off < without,
+        "{off}, {without} without the room"
+    );
+    let lamp = found.light.sky_radiance(to_lamp)[1];
+    assert!((4.0..16.0).contains(&lamp), "{lamp}");
+    // Walls keep their colours, but for what grey light and white surfaces say of all of it.
+    let [left, right] = [1.0, -1.0].map(|y| found.light.sky_radiance(Vec3::new(-0.3, y, 0.1)));
+    assert!(
+        left[0] > 1.3 * left[2] && right[2] > 1.3 * right[0],
+        "{left:?} {right:?}"
+    );
+}
+
+#[test]
+fn a_lamp_that_no_camera_saw_is_found_in_an_open_ceiling() {
+    let to_lamp = Vec3::new(0.6, 0.0, 0.8);
+    let light = |d: Vec3| match d.dot(to_lamp) > 0.93 {
+        true => [9.0; 3],
+        false => [0.3; 3],
+    };
+    let scene = lit(3000, light, None);
+    let walls = |d: Vec3| if d.z > 0.3 { [f32::NAN; 3] } else { light(d) };
+    let (found, shown) = in_a_room(&scene, walls);
+    assert!((0.55..0.75).contains(&shown.cover), "{}", shown.cover);
+    let toward = found.light.dominant_direction();
+    assert!(toward.dot(to_lamp) > 0.97, "{toward}");
+    let off = unlike(&found.light, light);
+    assert!(off < 0.15, "{off}");
+}
+
 #[test]
 fn one_turn_is_that_of_the_oracle() {
     let (cloud, bake) = lit(700, slanted, None);
     let clusters = Clusters::new(&cloud, &bake, &mean_radiance(&cloud, &bake.normals));
-    let fit = Fit::new(&clusters, NEIGHBORS, Vec3::Z);
+    let expected = ExpectedLight::from_above(Vec3::Z);
+    let fit = Fit::new(&clusters, NEIGHBORS, &expected);
     let wave = |c: usize| move |k: usize| 0.1 * ((k * 7 + c * 5) as f64).sin();
     let start = FittedLight {
         sky: std::array::from_fn(|c| (0..SKY).map(wave(c)).collect()),
@@ -296,13 +370,12 @@ fn one_turn_is_that_of_the_oracle() {
         .iter()
         .map(|p| (p.of.map(|k| k as usize), p.weight))
         .collect();
-    let band = |k: usize| ((k + 1) as f64).sqrt().floor();
-    let precision: Vec<f64> = (0..SKY).map(|k| band(k) * (band(k) + 1.0)).collect();
+    let precision: Vec<f64> = (0..SKY).map(precision).collect();
     let oracle = EstimateProblem {
         radiance: &clusters.radiance,
         seen: &clusters.seen,
         basis: &basis,
-        prior: &prior(Vec3::Z),
+        prior: &expected.coefficients,
         precision: &precision,
         coupling: std::array::from_fn(|a| std::array::from_fn(|b| coupling(a, b))),
         bounced: &clusters.bounced,

@@ -11,16 +11,22 @@ use crate::transfer::materials::WHITEST;
 const WHITE: f64 = 0.72;
 const LOSS: f64 = 0.65;
 
+/// Standard deviation of the logarithm of the strength by what is white.
+pub(super) const WHITE_SD: f64 = 0.18;
+
 /// Share of all that is darker than the surfaces whose colour counts.
 const TENTH: f64 = 0.9;
 
-/// Strength of a light with which the whitest surface is as white as its colour allows; `lit`: irradiance by the light at strength 1,
-/// `[c]`; `pairs`: each cluster's in a run.
-pub(super) fn plausible_strength(
-    clusters: &Clusters,
-    pairs: &[Pair],
-    lit: &[[f64; 3]],
-) -> Option<f64> {
+/// Strength of a light by white surfaces.
+pub(super) struct White {
+    /// Strength with which the whitest surface is as white as its colour allows.
+    pub strength: f64,
+    /// Clusters that are among the whitest.
+    pub clusters: Vec<usize>,
+}
+
+/// Asks the whitest surfaces; `lit`: irradiance by the light at strength 1, `[c]`; `pairs`: each cluster's in a run.
+pub(super) fn whitest(clusters: &Clusters, pairs: &[Pair], lit: &[[f64; 3]]) -> Option<White> {
     // Of the strengths that clusters ask for to be white, the whitest surfaces' are the largest.
     let quantile = |values: &[f64], share: f64| {
         let each = values.iter().copied().zip(clusters.mass.iter().copied());
@@ -30,8 +36,9 @@ pub(super) fn plausible_strength(
     let each = asked(WHITE);
     let first = quantile(&each, f64::from(WHITEST))?;
     let least = quantile(&each, TENTH)?;
-    let whitest = (0..clusters.len()).filter(|i| each[*i] >= least);
-    let saturation = whitest.map(|i| {
+    let whitest: Vec<usize> = (0..clusters.len()).filter(|i| each[*i] >= least).collect();
+    let saturation = whitest.iter().map(|i| {
+        let i = *i;
         let albedo: [f64; 3] = std::array::from_fn(|c| {
             clusters.radiance[i][c] / (first * lit[i][c] + clusters.bounced[i][c])
         });
@@ -41,7 +48,10 @@ pub(super) fn plausible_strength(
     });
     let saturation = weighted_quantile(saturation.collect(), 0.5)?;
     let white = WHITE * (1.0 - LOSS * saturation);
-    quantile(&asked(white), f64::from(WHITEST))
+    Some(White {
+        strength: quantile(&asked(white), f64::from(WHITEST))?,
+        clusters: whitest,
+    })
 }
 
 /// Strength at which each cluster has a mean albedo. `[c]`

@@ -471,7 +471,7 @@ fn bakes() {
 fn estimates() {
     let cloud = synthetic::sphere(200);
     let directional = DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled");
-    let estimate = estimate_light(&cloud, &directional, &no_progress).expect("not cancelled");
+    let estimate = estimate_light(&cloud, &directional, None, &no_progress).expect("not cancelled");
     let whole = written(|path| save_estimate(path, &cloud, &estimate));
     fuzz(&whole, |path| {
         let estimate = load_estimate(path, &cloud)?;

@@ -356,7 +356,7 @@ impl Project {
             ..ObjectState::new(Some(asset))
         };
         if let Some(estimate) = estimate {
-            last.estimate.set((), estimate);
+            last.estimate.set(false, estimate);
         }
         self.look_at_opened(&opened_with);
         if let Some(last) = replaced {

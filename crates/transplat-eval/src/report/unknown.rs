@@ -35,7 +35,7 @@ impl Unknown {
         let Bake::Directional(directional) = bake else {
             anyhow::bail!("the light is estimated by a bake for preset best");
         };
-        let estimate = estimate_light(cloud, directional, &no_progress)?;
+        let estimate = estimate_light(cloud, directional, None, &no_progress)?;
         let even = Illumination::even(MAX_DEGREE);
         let estimated = Environment::estimated(&estimate, cloud.up)?.illumination;
         let irradiance = |light: &Illumination| irradiance(cloud, bake, light);

@@ -8,12 +8,14 @@ use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::strata::DIRECTIONS;
 use transplat_core::environment::EnvironmentMap;
-use transplat_core::estimate::estimate_light;
+use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::files::{check_output, write_environment};
 use transplat_core::probe::{Beyond, Probe, RadianceToward};
 use transplat_core::progress::no_progress;
-use transplat_core::scene::{EnvironmentLight, is_estimate, is_even, is_sky};
+use transplat_core::scene::{EnvironmentLight, Transform, is_estimate, is_even, is_sky};
 use transplat_core::settings::Method;
+use transplat_core::shown_light::ShownLight;
+use transplat_core::surfels::SurfelCloud;
 
 use super::headless::{Headless, read_map, report_estimate};
 use super::settings::scene_of;
@@ -86,32 +88,48 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
     let environment = args.environment.clone().map(EnvironmentLight::of);
     let environment = environment
         .or_else(|| Some(headless.first().0.source.clone()).filter(|s| s.file.is_some()));
+    let mut asked = args.environment.iter().chain(&args.clipped_like);
+    let asks_for_estimate = asked.any(|file| is_estimate(file));
+    let mut completed = Vec::new();
+    for place in &places {
+        let object = place.object.filter(|_| asks_for_estimate);
+        completed.push(match object {
+            Some(object) => completed_around(&headless, object, args.rows, &mut summary)?,
+            None => None,
+        });
+    }
+    let is_needed = |light: &EnvironmentLight| {
+        let is_estimate = light.file.as_deref().is_some_and(is_estimate);
+        !is_estimate || completed.iter().any(Option::is_none)
+    };
+    let environment = environment.filter(is_needed);
     let first = places.first().context("there is a place")?.at;
     let around = ProbeEnvironment::load(&headless, first, environment, &mut summary)?;
-    let like = args.clipped_like.clone().map(EnvironmentLight::of);
+    let like = (args.clipped_like.clone().map(EnvironmentLight::of)).filter(is_needed);
     let like = ProbeEnvironment::load(&headless, first, like, &mut summary)?;
     let (painter, warning) = headless.shots.device.painter(&headless.shots.cloud)?;
     if let Some(warning) = warning {
         summary.warn(warning);
     }
     let mut told = Vec::new();
-    for (place, output) in places.iter().zip(&outputs) {
+    for ((place, output), completed) in places.iter().zip(&outputs).zip(completed) {
         let without = without.iter().chain(&place.object).copied();
         let lights = Lights {
             around: around.as_ref(),
             clipped_gain: (args.clipped_gain as f32).exp2(),
             clipped_like: like.as_ref(),
         };
-        let probe = summary.time("probe", || {
+        let mut probe = summary.time("probe", || {
             seen(&headless, (&painter, without), place.at, args.rows, &lights)
         })?;
         tell(
             &probe,
             place.at,
-            around.is_some(),
-            like.is_some() || args.clipped_gain > 0.0,
+            around.is_some() || completed.is_some(),
+            like.is_some() || args.clipped_gain > 0.0 || completed.is_some(),
             &mut summary,
         );
+        probe.map = completed.unwrap_or(probe.map);
         summary.time("export", || write_environment(output, &probe.map))?;
         told.push(serde_json::json!({
             "at": (headless.first().1.cloud.origin + place.at.as_dvec3()).to_array(),
@@ -218,6 +236,51 @@ impl ProbeEnvironment {
     }
 }
 
+/// The light at a shown object that its surroundings enclose where it was captured: its own shading completes what they show.
+fn completed_around(
+    headless: &Headless,
+    object: usize,
+    rows: usize,
+    summary: &mut Summary,
+) -> Result<Option<EnvironmentMap>> {
+    let (settings, asset) = headless.shown().nth(object).context("it is shown")?;
+    let part = (asset.part.as_ref()).filter(|_| settings.transform == Transform::default());
+    let Some(shown) = part.and_then(|part| part.enclosing_light.as_deref()) else {
+        return Ok(None);
+    };
+    let estimate = estimated(headless, asset.cloud.clone(), Some(shown), summary)?;
+    let up = headless.shots.project.scene_up();
+    let map = || estimate.light.map(up).reduced(2 * rows);
+    Ok(estimate.is_told().then(map))
+}
+
+/// The light that some surfels tell of, and their surroundings show.
+fn estimated(
+    headless: &Headless,
+    cloud: Arc<SurfelCloud>,
+    shown: Option<&ShownLight>,
+    summary: &mut Summary,
+) -> Result<Estimate> {
+    let scene = &headless.shots.project.scene;
+    let wanted = BakeRequest {
+        cloud,
+        method: Method::Directional,
+        directions: DIRECTIONS,
+        optimizations: scene.transfer.optimizations,
+        part_of: None,
+        place: None,
+    };
+    let bake = || bake::bake(&headless.shots.device, &wanted, &no_progress);
+    let Bake::Directional(bake) = summary.time("bake", bake)? else {
+        bail!("the bake is for the other method");
+    };
+    let estimate = || estimate_light(&wanted.cloud, &bake, shown, &no_progress);
+    let estimate = summary.time("estimate", estimate)?;
+    let up = headless.shots.project.scene_up();
+    report_estimate(&estimate, scene, up, summary);
+    Ok(estimate)
+}
+
 /// The light that a scene was captured under, as what is lit of it tells: a sky that was captured with it lies far away, and shines itself.
 fn estimated_near(
     headless: &Headless,
@@ -232,23 +295,9 @@ fn estimated_near(
     let (_, median, _) = distances.select_nth_unstable_by(middle, f32::total_cmp);
     let reach = FAR * *median;
     let taken: Vec<usize> = (0..cloud.len()).filter(|i| distance(*i) < reach).collect();
-    let scene = &headless.shots.project.scene;
-    let wanted = BakeRequest {
-        cloud: Arc::new(cloud.selected(&taken)),
-        method: Method::Directional,
-        directions: DIRECTIONS,
-        optimizations: scene.transfer.optimizations,
-        part_of: None,
-        place: None,
-    };
-    let bake = || bake::bake(&headless.shots.device, &wanted, &no_progress);
-    let Bake::Directional(bake) = summary.time("bake", bake)? else {
-        bail!("the bake is for the other method");
-    };
-    let estimate = || estimate_light(&wanted.cloud, &bake, &no_progress);
-    let estimate = summary.time("estimate", estimate)?;
+    let near = Arc::new(cloud.selected(&taken));
+    let estimate = estimated(headless, near, None, summary)?;
     let up = headless.shots.project.scene_up();
-    report_estimate(&estimate, scene, up, summary);
     Ok(match estimate.obstacle {
         Some(_) => EnvironmentMap::even(),
         None => estimate.light.map(up),

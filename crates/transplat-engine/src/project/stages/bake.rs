@@ -24,7 +24,7 @@ impl Project {
     }
 
     /// Directions of a method's bake.
-    pub fn bake_key(&self, method: Method) -> BakeKey {
+    pub fn directions(&self, method: Method) -> usize {
         match method {
             // Without shadows only the normals need it.
             Method::Harmonic if !self.requested.all_terms && !self.scene.transfer.terms.shadow => {
@@ -35,9 +35,14 @@ impl Project {
         }
     }
 
+    fn bake_key(&self, at: usize, method: Method) -> BakeKey {
+        let is_taken_out = method == Method::Directional && self.is_taken_out(at);
+        (self.directions(method), is_taken_out)
+    }
+
     fn is_bake_asked(&self, at: usize, method: Method) -> bool {
         let bake = self.states[at].bakes.get(&method);
-        bake.is_some_and(|b| b.is_asked(&self.bake_key(method)))
+        bake.is_some_and(|b| b.is_asked(&self.bake_key(at, method)))
     }
 
     /// True while a bake runs whose result is wanted.
@@ -103,7 +108,7 @@ impl Project {
 
     fn bake(&mut self, at: usize, method: Method, what: &str) {
         self.cancel_bakes(at);
-        let key = self.bake_key(method);
+        let key = self.bake_key(at, method);
         let place = self.bake_place(at);
         let state = &mut self.states[at];
         let Some(asset) = &state.asset else {
@@ -122,14 +127,19 @@ impl Project {
         // The paper's bake of a part cannot be told from that of the whole.
         let is_saved = is_seen && (asset.part.is_none() || method == Method::Directional);
         let part = asset.part.clone();
-        let part = part.filter(|_| method == Method::Directional);
+        let (directions, is_taken_out) = key;
+        let part = part.filter(|_| method == Method::Directional && !is_taken_out);
         let mut wanted = BakeRequest {
             cloud: asset.cloud.clone(),
             method,
-            directions: key,
+            directions,
             optimizations: self.scene.transfer.optimizations,
             part_of: None,
-            place: place.filter(|_| is_saved),
+            place: place.filter(|_| is_saved).map(|place| BakePlace {
+                // Beside the splat lies that of the whole.
+                is_beside: place.is_beside && asset.part.is_none(),
+                ..place
+            }),
         };
         let label = tr_format!(
             "baking {what} of {asset}",

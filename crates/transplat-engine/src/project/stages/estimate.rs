@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
+use anyhow::Context as _;
 use transplat_core::estimate::estimate_light;
 use transplat_core::settings::Method;
 
+use crate::capture::CutPart;
 use crate::environments::Environment;
 use crate::estimate::{make_and_keep, why_not};
 use crate::jobs::{Handle, Kind, Work};
@@ -50,44 +52,60 @@ impl Project {
         self.is_estimate_awaited(at) || self.is_baking_for_estimate(at)
     }
 
+    /// True for an object whose surroundings enclosed it where it was captured and are no part of the scene: it is relit from the light at its place,
+    /// not from what each surfel saw.
+    pub fn is_taken_out(&self, at: usize) -> bool {
+        let part_of = |at: usize| self.states[at].asset.as_ref()?.part.as_ref();
+        let Some(part) = part_of(at).filter(|part| part.enclosing_light.is_some()) else {
+            return false;
+        };
+        let is_of_same = |other: &CutPart| Arc::ptr_eq(&other.capture, &part.capture);
+        let mut others = self.shown().filter(|(other, ..)| *other != at);
+        !others.any(|(other, ..)| part_of(other).is_some_and(is_of_same))
+    }
+
     /// Estimates the light of the capture where the settings ask for it, once there is a bake.
     pub(crate) fn update_estimate(&mut self, at: usize) {
         if !self.asks_for_estimate(at) {
             return;
         }
         self.show_estimate(at);
-        if self.states[at].estimate.is_asked(&()) {
+        let is_taken_out = self.is_taken_out(at);
+        if self.states[at].estimate.is_asked(&is_taken_out) {
             self.report_if_broken_off(at);
             return;
         }
         let place = self.bake_place(at);
         let state = &mut self.states[at];
         let own = state.whole_directional_bake();
-        let part = state.asset.as_ref().and_then(|a| a.part.as_ref());
-        // All of the splat tells of the light.
-        let bake = match part {
-            Some(part) => own.and_then(|_| part.capture.known_bake()),
-            None => own,
-        };
-        let (Some(asset), Some(bake), Some(place)) = (&state.asset, bake, place) else {
+        let (Some(asset), Some(own), Some(place)) = (&state.asset, own, place) else {
             self.report_if_broken_off(at);
             return;
         };
-        state.estimate.ask(&());
-        let (cloud, id) = (asset.whole_cloud().clone(), state.id);
+        state.estimate.ask(&is_taken_out);
+        let (asset, id) = (asset.clone(), state.id);
         let label = tr_format!("estimating the light of {}", asset.name());
         let kind = Kind::Of(id, Work::Estimate);
         let is_kept = self.canvas.is_some();
         let work = move |handle: &Handle<_>| {
             let report = |done| handle.progress(done);
+            let mut bake = own;
+            if let Some(part) = &asset.part {
+                if let Some(shown) = part.enclosing_light.as_ref().filter(|_| is_taken_out) {
+                    return Ok(estimate_light(&asset.cloud, &bake, Some(shown), &report)?);
+                }
+                // All of the splat tells of the light.
+                bake = (part.capture.known_bake()).context(tr("the capture is not baked"))?;
+            }
+            let whole = asset.whole_cloud();
             Ok(match is_kept {
-                true => make_and_keep(&place, &cloud, &bake, &report)?,
-                false => estimate_light(&cloud, &bake, &report)?,
+                true => make_and_keep(&place, whole, &bake, &report)?,
+                false => estimate_light(whole, &bake, None, &report)?,
             })
         };
         self.start(kind, label, work, move |project, estimate| {
             if let Some(at) = project.at(id) {
-                project.states[at].estimate.accept((), estimate);
+                project.states[at].estimate.accept(is_taken_out, estimate);
             }
         });
     }
@@ -145,6 +163,11 @@ impl Project {
         let light = Environment::estimated(estimate, up);
         if is_new && !is_known && self.scene.objects[at].source.is_estimate() {
             let message = match estimate.obstacle {
+                None if estimate.light.shown.is_some() => tr_format!(
+                    "The capture light is estimated from the object and its surroundings (confidence {percent:.0} %, trust {trust:.0} %).",
+                    percent = estimate.percent(),
+                    trust = 100.0 * estimate.trust()
+                ),
                 None => tr_format!(
                     "The capture light is estimated from the object (confidence {percent:.0} %, trust {trust:.0} %). Its tint is assumed. {drop_it}",
                     percent = estimate.percent(),

@@ -41,7 +41,7 @@ impl Project {
         let each = each.collect::<Option<Vec<_>>>()?;
         (!each.is_empty()).then_some(InsertionKey {
             each,
-            directions: self.bake_key(Method::Harmonic),
+            directions: self.directions(Method::Harmonic),
             shadows: self.scene.transfer.terms.shadow,
         })
     }

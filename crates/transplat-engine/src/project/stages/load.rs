@@ -94,7 +94,7 @@ impl Project {
         }
         state.estimate.clear();
         if let Some(kept) = kept {
-            state.estimate.set((), kept);
+            state.estimate.set(false, kept);
         }
         state.estimated.clear();
         state.estimate_awaited = false;

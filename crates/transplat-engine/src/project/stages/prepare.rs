@@ -9,6 +9,7 @@ use transplat_gpu::live::Drawing;
 use transplat_gpu::transfer::GpuTransfer;
 use transplat_gpu::{Context, GpuError};
 
+use crate::capture::CutPart;
 use crate::jobs::{Handle, Kind, Work};
 use crate::language::tr_format;
 use crate::object::{PrepareKey, Prepared};
@@ -34,6 +35,7 @@ impl Project {
             bake: bake.version(),
             source,
             settings,
+            is_taken_out: self.is_taken_out(at),
         })
     }
 
@@ -72,9 +74,11 @@ impl Project {
         let work = move |handle: &Handle<Change>| {
             let start = Instant::now();
             let (source, settings) = (&wanted.source.light, &wanted.settings);
-            let prepared = match (&part, settings.method) {
-                (Some(part), Method::Directional) => part.prepare(&bake, source, settings)?,
-                _ => {
+            let is_directional = settings.method == Method::Directional;
+            let among_rest = |_: &&CutPart| is_directional && !wanted.is_taken_out;
+            let prepared = match part.as_ref().filter(among_rest) {
+                Some(part) => part.prepare(&bake, source, settings)?,
+                None => {
                     let mut transfer = transfer.lock().unwrap_or_else(|p| p.into_inner());
                     let report = |done| handle.progress(done);
                     transfer.prepare(&cloud, &bake, wanted.bake, source, settings, &report)?

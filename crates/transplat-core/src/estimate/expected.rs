@@ -1,0 +1,77 @@
+//! The light that is expected before the object is asked: brighter above, or as the surroundings show it.
+
+use glam::Vec3;
+
+use super::sky::{SKY, nearest_direction, sky_basis};
+use crate::bake::strata::DIRECTIONS;
+use crate::sh::band_of;
+use crate::shown_light::ShownLight;
+
+/// Mean of the logarithm along the up axis (basis of mean square 1): the upper half is 2.8 times as bright as the lower.
+const ABOVE: f64 = 0.6;
+
+/// Prior of a fit: radiance by direction, and how much of that is in doubt.
+#[derive(Clone)]
+pub(super) struct ExpectedLight {
+    /// Logarithm of what is shown over the bake's directions. `[3][DIRECTIONS]`
+    pub log_radiance: [Vec<f64>; 3],
+    /// Doubt of it: factor of the fitted logarithm. `[DIRECTIONS]`
+    pub doubt: Vec<f64>,
+    /// True where surroundings show some of it.
+    pub is_shown: bool,
+    /// Mean of each fitted coefficient. `[SKY]`
+    pub coefficients: Vec<f64>,
+}
+
+impl ExpectedLight {
+    /// Even light.
+    pub fn even() -> Self {
+        Self {
+            log_radiance: std::array::from_fn(|_| vec![0.0; DIRECTIONS]),
+            doubt: vec![1.0; DIRECTIONS],
+            is_shown: false,
+            coefficients: vec![0.0; SKY],
+        }
+    }
+
+    /// Light that comes from above rather than from below.
+    pub fn from_above(up: Vec3) -> Self {
+        // The first band's functions are proportional to the coordinates, and their squares sum to 3.
+        let mut coefficients = sky_basis(up);
+        for (k, value) in coefficients.iter_mut().enumerate() {
+            *value *= if band_of(k) == 1 {
+                ABOVE / 3f64.sqrt()
+            } else {
+                0.0
+            };
+        }
+        Self {
+            coefficients,
+            ..Self::even()
+        }
+    }
+
+    /// Light as surroundings show it.
+    pub fn shown(shown: &ShownLight) -> Self {
+        let mut sums = vec![[0f64; 5]; DIRECTIONS];
+        for (direction, omega, radiance, doubt) in shown.pixels() {
+            let [r, g, b] = radiance.map(f64::from);
+            let each = [r, g, b, f64::from(doubt), 1.0];
+            for (sum, value) in sums[nearest_direction(direction)].iter_mut().zip(each) {
+                *sum += omega * value;
+            }
+        }
+        let mean = |j: usize, k: usize| sums[j][k] / sums[j][4].max(1e-12);
+        let of_each = |k: usize| {
+            (0..DIRECTIONS)
+                .map(move |j| (j, k))
+                .map(|(j, k)| mean(j, k))
+        };
+        Self {
+            log_radiance: std::array::from_fn(|c| of_each(c).map(|v| v.max(1e-6).ln()).collect()),
+            doubt: of_each(3).collect(),
+            is_shown: true,
+            coefficients: vec![0.0; SKY],
+        }
+    }
+}
