@@ -352,6 +352,26 @@ fn a_lamp_that_no_camera_saw_is_found_in_an_open_ceiling() {
 }
 
 #[test]
+fn trust_grows_with_confidence_from_half_to_full() {
+    let trust = |confidence| {
+        let told = Estimate {
+            confidence,
+            obstacle: None,
+            ..Estimate::none(Obstacle::Black)
+        };
+        told.trust()
+    };
+    assert_eq!([0.0, 0.4, 0.97, 1.0].map(trust), [0.5, 0.5, 1.0, 1.0]);
+    let [less, more] = [0.7, 0.8].map(trust);
+    assert!(0.5 < less && less < more && more < 1.0, "{less} {more}");
+    let even = Estimate::none(Obstacle::EvenLight);
+    assert_eq!(
+        (even.trust(), Estimate::none(Obstacle::OneWay).trust()),
+        (1.0, 0.5)
+    );
+}
+
+#[test]
 fn one_turn_is_that_of_the_oracle() {
     let (cloud, bake) = lit(700, slanted, None);
     let clusters = Clusters::new(&cloud, &bake, &mean_radiance(&cloud, &bake.normals));

@@ -167,7 +167,7 @@ fn trust(ui: &mut Ui, source: &mut EnvironmentLight, by_confidence: f32) {
     if percent != before {
         source.trust = Some(percent / 100.0);
     }
-    let is_partly = percent < 100.0;
+    let is_partly = percent < 99.5;
     if is_partly && ui.small_button(tr("Use 100 %")).clicked() {
         source.trust = Some(1.0);
     }
@@ -447,6 +447,9 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     let estimate = estimate.filter(|_| session.object().source.is_estimate());
     ui.label(match estimate {
         _ if is_on_its_way(session) => tr("Unknown: being estimated from the object."),
+        Some(estimate) if estimate.light.shown.is_some() => {
+            tr("Estimated from the object and its surroundings.")
+        }
         Some(estimate) if estimate.is_told() => tr("Estimated from the object."),
         Some(_) => tr("Could not be estimated from this object."),
         None if session.object().source.is_estimate() => tr("Unknown."),
@@ -478,6 +481,13 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
                 ui.weak(tr("Strength and tint are guesses. Adjust them below."));
             }
         }
+    }
+    let part = (session.state().asset.as_ref()).and_then(|asset| asset.part.as_ref());
+    let is_enclosed = part.is_some_and(|part| part.enclosing_light.is_some());
+    if is_enclosed && !session.project.is_taken_out(session.selected) {
+        ui.weak(tr(
+            "Hide the rest of the capture to estimate the light from that, too.",
+        ));
     }
     ui.weak(tr(DROP_IT));
 }
