@@ -588,7 +588,7 @@ fn what_is_taken_out_of_a_room_is_relit_from_the_light_that_arrived_there() {
     for (scene, is_shown) in [(&within, false), (&alone, true)] {
         let said = run_json(&args(line, &[scene, &out]));
         let estimate = &said["source_estimate"];
-        assert_eq!(estimate["is_shown_by_surroundings"], is_shown, "{estimate}");
+        assert_eq!(estimate["uses_capture_environment"], is_shown, "{estimate}");
     }
     let probe = |more: &str| {
         let line = format!("probe {{}} --at inside {more} --device cpu -o {{}}");

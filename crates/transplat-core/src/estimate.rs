@@ -1,4 +1,4 @@
-//! Stage *estimate*: the capture light from the splat alone. `docs/method.md` derives it.
+//! Stage *estimate*: the capture light from the splat, and from the rest of a capture that it is cut out of. `docs/method.md` derives it.
 //!
 //! Neighbours tend to be of the same stuff, and what they differ in is the light on them. The light is the one under which the albedos of
 //! neighbours are most alike. Its logarithm is an SH series, so it is never negative, and the more even light is the more probable
@@ -21,11 +21,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::bake::directional::DirectionalBake;
 use crate::bake::strata::{DIRECTIONS, directions};
+use crate::capture_environment::CaptureEnvironment;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::error::Result;
 use crate::progress::{Progress, part};
 use crate::sh::{MAX_DEGREE, SQRT_4PI, evaluate_sh};
-use crate::shown_light::ShownLight;
 use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::directional::mean_radiance;
 use clusters::Clusters;
@@ -41,8 +41,8 @@ pub const LEAST_TRUST: f32 = 0.5;
 /// of those tried.
 const GROWING: [f32; 2] = [0.5, 0.95];
 
-/// Share of the doubt that is left where surroundings show some of the light.
-const SHOWN_DOUBT: f64 = 0.5;
+/// Share of the uncertainty that is left where the rest of the capture shows some of the light.
+const SHOWN_UNCERTAINTY: f64 = 0.5;
 
 /// Confidence from which on an estimate says where up is.
 const CERTAIN: f32 = 0.6;
@@ -85,9 +85,9 @@ const STRENGTH_FITTED: f64 = 0.9;
 pub struct EstimatedLight {
     /// SH coefficients of the natural logarithm of the radiance, to degree [`DEGREE`]; of its ratio to what is shown, where surroundings are. `[K][3]`
     pub log_radiance: Vec<[f32; 3]>,
-    /// Light as the surroundings show it, in the strength of the estimate.
+    /// Light as the rest of the capture shows it, in the strength of the estimate. It is not saved.
     #[serde(skip)]
-    pub shown: Option<ShownLight>,
+    pub shown: Option<CaptureEnvironment>,
     /// Direction of a sun and its irradiance on a surface that faces it, where there was one to be found.
     pub sun: Option<([f32; 3], [f32; 3])>,
 }
@@ -137,7 +137,8 @@ impl Estimate {
 
     /// Whether most of the light comes from the side or from below: an asset whose up axis is wrong looks so.
     pub fn may_lie_on_its_side(&self, up: UpAxis) -> bool {
-        let is_certain = self.is_told() && self.confidence >= CERTAIN;
+        let is_alone = self.light.shown.is_none();
+        let is_certain = self.is_told() && is_alone && self.confidence >= CERTAIN;
         is_certain && self.light.dominant_direction().dot(up.direction()) < LOW_LIGHT
     }
 
@@ -169,6 +170,19 @@ impl Estimate {
         }
     }
 
+    /// The light that the rest of a capture shows, where the object tells nothing.
+    fn shown(shown: &CaptureEnvironment) -> Self {
+        Self {
+            light: EstimatedLight {
+                log_radiance: vec![[0.0; 3]; sky::SKY],
+                shown: Some(shown.clone()),
+                sun: None,
+            },
+            confidence: 1.0 - SHOWN_UNCERTAINTY as f32,
+            obstacle: None,
+        }
+    }
+
     fn none(obstacle: Obstacle) -> Self {
         Self {
             light: EstimatedLight {
@@ -190,7 +204,7 @@ impl Estimate {
 pub fn estimate_light(
     cloud: &SurfelCloud,
     bake: &DirectionalBake,
-    shown: Option<&ShownLight>,
+    shown: Option<&CaptureEnvironment>,
     progress: Progress<'_>,
 ) -> Result<Estimate> {
     let radiance = mean_radiance(cloud, &bake.normals);
@@ -203,11 +217,11 @@ pub fn estimate_light(
     if clusters.len() < FEWEST_CLUSTERS || near.has_no_pairs() {
         let has_light = radiance.iter().any(|[b, _]| b.iter().any(|v| *v > 0.0));
         let is_black = !has_light && !cloud.is_empty();
-        return Ok(Estimate::none(if is_black {
-            Obstacle::Black
-        } else {
-            Obstacle::TooLittle
-        }));
+        let obstacle = match is_black {
+            true => Obstacle::Black,
+            false => Obstacle::TooLittle,
+        };
+        return Ok(shown.map_or_else(|| Estimate::none(obstacle), Estimate::shown));
     }
     let sky_of = |fit: &Fit<'_>| {
         let step = part(progress, GATHERED, SKY_FITTED);
@@ -226,8 +240,12 @@ pub fn estimate_light(
     let Fitted {
         light, explained, ..
     } = with_sun.unwrap_or(sky);
-    let even = Fit::new(&clusters, NEIGHBORS, &ExpectedLight::even());
-    let even = even.explain(&FittedLight::even());
+    let even = match shown {
+        Some(_) => {
+            Fit::new(&clusters, NEIGHBORS, &ExpectedLight::even()).explain(&FittedLight::even())
+        }
+        None => fit.explain(&FittedLight::even()),
+    };
     let step = part(progress, SUN_FITTED, STRENGTH_FITTED);
     let strength = match shown {
         Some(_) => 1.0,
@@ -237,7 +255,7 @@ pub fn estimate_light(
     fit.strength = Some(strength);
     let mut fitted = fit.run(light, &part(progress, STRENGTH_FITTED, 1.0))?;
     if shown.is_some() {
-        fit.settle(&mut fitted);
+        fit.balance_strength_and_tint(&mut fitted);
     }
     Ok(judge(&clusters, &even, fitted, shown))
 }
@@ -246,7 +264,7 @@ fn judge(
     clusters: &Clusters,
     even: &Explained,
     fitted: Fitted,
-    shown: Option<&ShownLight>,
+    shown: Option<&CaptureEnvironment>,
 ) -> Estimate {
     let of_even = EstimatedLight::new(&FittedLight::even(), even, None);
     let mean = |value: &dyn Fn(usize) -> f64| -> f64 {
@@ -262,14 +280,19 @@ fn judge(
         .sum::<f64>()
         / 3.0;
     let explained = (unevenness - fitted.open).max(0.0);
-    let told = explained / (unevenness + fitted.noise);
+    let explained_share = explained / (unevenness + fitted.noise);
     let confidence = match shown {
-        Some(_) => 1.0 - SHOWN_DOUBT * (1.0 - told),
-        None => told,
+        Some(_) => 1.0 - SHOWN_UNCERTAINTY * (1.0 - explained_share),
+        None => explained_share,
     };
     let each = clusters.normals.iter().zip(&clusters.mass);
     let facing: Vec3 = each.map(|(n, m)| n.normalize_or_zero() * *m as f32).sum();
-    let obstacle = if !confidence.is_finite() {
+    if let (Some(shown), false) = (shown, confidence.is_finite()) {
+        return Estimate::shown(shown);
+    }
+    let obstacle = if shown.is_some() {
+        None
+    } else if !confidence.is_finite() {
         Some(Obstacle::TooLittle)
     } else if facing.length() > ONE_WAY {
         Some(Obstacle::OneWay)
@@ -292,7 +315,7 @@ fn judge(
 }
 
 impl EstimatedLight {
-    fn new(light: &FittedLight, explained: &Explained, shown: Option<&ShownLight>) -> Self {
+    fn new(light: &FittedLight, explained: &Explained, shown: Option<&CaptureEnvironment>) -> Self {
         let scale: [f64; 3] =
             std::array::from_fn(|c| explained.strength / explained.mean_radiance[c]);
         let mut log_radiance: Vec<[f32; 3]> = (0..sky::SKY)
@@ -336,8 +359,8 @@ impl EstimatedLight {
         let Some(shown) = &self.shown else {
             return log.map(f32::exp);
         };
-        let (radiance, doubt) = shown.toward(d);
-        std::array::from_fn(|c| radiance[c] * (doubt * log[c]).exp())
+        let (radiance, uncertainty) = shown.toward(d);
+        std::array::from_fn(|c| radiance[c] * (uncertainty * log[c]).exp())
     }
 
     /// As a map that any program can open, upright for an asset with that up axis. The sun is a small disc in it.

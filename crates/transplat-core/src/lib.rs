@@ -36,6 +36,7 @@
 pub mod backplate;
 pub mod bake;
 pub mod camera;
+pub mod capture_environment;
 pub mod color;
 pub mod color_rows;
 pub mod crop;
@@ -62,7 +63,6 @@ pub mod response;
 pub mod scene;
 pub mod settings;
 pub mod sh;
-pub mod shown_light;
 pub mod surfels;
 pub mod synthetic;
 pub mod transfer;

@@ -197,6 +197,11 @@ impl CameraResponse {
         *self == Self::default()
     }
 
+    /// Scene light of the camera's white, where colour of that encoding, already decoded, is clipped there.
+    pub fn clipped_at(self, decoded: Encoding) -> Option<f32> {
+        (decoded == Encoding::Stored).then(|| self.to_scene_light()([1.0; 3])[0])
+    }
+
     /// Function from stored colour, as it is seen, to scene light.
     pub fn to_scene_light(self) -> impl Fn([f32; 3]) -> [f32; 3] + Sync {
         let grey = self.curve.invert([srgb_encode(MID_GREY); 3])[0];

@@ -63,6 +63,8 @@ pub struct BakePlace {
     pub splat: PathBuf,
     /// True where it is saved beside the splat.
     pub is_beside: bool,
+    /// True for a part of the splat: beside it lies the bake of the whole.
+    pub is_part: bool,
 }
 
 impl BakePlace {
@@ -71,6 +73,7 @@ impl BakePlace {
         Self {
             splat: splat.to_owned(),
             is_beside: false,
+            is_part: false,
         }
     }
 
@@ -78,7 +81,8 @@ impl BakePlace {
     pub fn files(&self, cloud: &SurfelCloud, suffix: &str) -> Vec<PathBuf> {
         let mut name = self.splat.file_name().unwrap_or_default().to_owned();
         name.push(format!(".{suffix}"));
-        let mut files = vec![self.splat.with_file_name(name)];
+        let beside = (!self.is_part).then(|| self.splat.with_file_name(name));
+        let mut files: Vec<PathBuf> = beside.into_iter().collect();
         files.extend(cached_file(cloud, suffix));
         if !self.is_beside {
             files.reverse();
@@ -411,6 +415,7 @@ mod tests {
                     place: Some(BakePlace {
                         splat: asset.clone(),
                         is_beside: true,
+                        is_part: false,
                     }),
                 };
                 refined(&Device::Cpu, &wanted, None, &no_progress, preview).expect("a bake")
@@ -477,7 +482,12 @@ mod tests {
         let cloud = synthetic::sphere_over_plate(50);
         let [cached, beside] = [false, true].map(|is_beside| {
             let splat = PathBuf::from("folder/ball.ply");
-            BakePlace { splat, is_beside }.files(&cloud, "best.bake")
+            BakePlace {
+                splat,
+                is_beside,
+                is_part: false,
+            }
+            .files(&cloud, "best.bake")
         });
         let own = Path::new("folder/ball.ply.best.bake");
         assert_eq!(beside[0], own);
@@ -504,6 +514,7 @@ mod tests {
                 place: Some(BakePlace {
                     splat: asset.clone(),
                     is_beside: true,
+                    is_part: false,
                 }),
             };
             assert!(refined(&Device::Cpu, &wanted, None, &stop, |_| ()).is_err());

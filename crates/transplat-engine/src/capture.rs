@@ -9,13 +9,13 @@ use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::strata::DIRECTIONS;
+use transplat_core::capture_environment::CaptureEnvironment;
 use transplat_core::environment::Illumination;
 use transplat_core::files::{SplatFile, is_same_file};
 use transplat_core::progress::{Progress, no_progress};
 use transplat_core::scene::{Object, kept};
 use transplat_core::settings::optimizations::Optimizations;
 use transplat_core::settings::{Method, TransferSettings};
-use transplat_core::shown_light::ShownLight;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, TransferCache};
 
@@ -148,9 +148,6 @@ impl Capture {
     }
 }
 
-/// Share of the sphere from which on a part is enclosed by its surroundings: open ground is half of it.
-const ENCLOSED: f32 = 0.6;
-
 /// Object that is cut out of a capture.
 #[derive(Clone)]
 pub struct CutPart {
@@ -158,19 +155,20 @@ pub struct CutPart {
     pub capture: Arc<Capture>,
     /// Indices of its surfels.
     pub surfels: Arc<[usize]>,
-    /// Light as its surroundings show it, where they enclose it as a room does. What lit it there is known at its place alone: what rays meet there
+    /// Light as the rest of the capture shows it, where that encloses it as a room does. What lit it there is known at its place alone: what rays meet there
     /// is clipped, or no camera saw it.
-    pub enclosing_light: Option<Arc<ShownLight>>,
+    pub enclosing_light: Option<Arc<CaptureEnvironment>>,
 }
 
 impl CutPart {
     /// Some surfels of a capture.
     pub fn new(capture: Arc<Capture>, surfels: Arc<[usize]>) -> Self {
-        let shown = ShownLight::around(&capture.cloud, &surfels);
+        let white = capture.reading.response.clipped_at(capture.cloud.encoding);
+        let shown = CaptureEnvironment::around(&capture.cloud, &surfels, white);
         Self {
+            enclosing_light: shown.map(Arc::new),
             capture,
             surfels,
-            enclosing_light: (shown.cover >= ENCLOSED).then(|| Arc::new(shown)),
         }
     }
 

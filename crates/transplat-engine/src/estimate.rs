@@ -70,7 +70,7 @@ pub fn estimate_in_words(estimate: &Estimate, up: UpAxis) -> String {
         None => "no sun".into(),
     };
     let known = match estimate.light.shown {
-        Some(_) => "the surroundings of the object show some of it",
+        Some(_) => "the rest of the capture shows some of it",
         None => "its tint is assumed",
     };
     let low_confidence = if estimate.may_lie_on_its_side(up) {
@@ -99,7 +99,7 @@ pub fn estimate_as_json(estimate: &Estimate) -> serde_json::Value {
         "trust": estimate.trust(),
         "is_good": estimate.is_told(),
         "obstacle": estimate.obstacle,
-        "is_shown_by_surroundings": light.shown.is_some(),
+        "uses_capture_environment": light.shown.is_some(),
         "dominant_direction": estimate.is_told().then(|| light.dominant_direction().to_array()),
         "sun_direction": sun.map(|(direction, _)| direction),
         "sun_irradiance": sun.map(|(_, energy)| energy),

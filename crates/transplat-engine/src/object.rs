@@ -232,8 +232,6 @@ pub struct PrepareKey {
     pub source: OrientedLight,
     /// Method and terms.
     pub settings: TransferSettings,
-    /// True where it is relit without the capture that it is cut out of.
-    pub is_taken_out: bool,
 }
 
 /// A prepared transfer.

@@ -3,20 +3,20 @@
 use glam::Vec3;
 
 use super::sky::{SKY, nearest_direction, sky_basis};
-use crate::bake::strata::DIRECTIONS;
+use crate::bake::strata::{DIRECTIONS, directions};
+use crate::capture_environment::CaptureEnvironment;
 use crate::sh::band_of;
-use crate::shown_light::ShownLight;
 
 /// Mean of the logarithm along the up axis (basis of mean square 1): the upper half is 2.8 times as bright as the lower.
 const ABOVE: f64 = 0.6;
 
-/// Prior of a fit: radiance by direction, and how much of that is in doubt.
+/// Prior of a fit: radiance by direction, and how much of that is uncertain.
 #[derive(Clone)]
 pub(super) struct ExpectedLight {
     /// Logarithm of what is shown over the bake's directions. `[3][DIRECTIONS]`
     pub log_radiance: [Vec<f64>; 3],
-    /// Doubt of it: factor of the fitted logarithm. `[DIRECTIONS]`
-    pub doubt: Vec<f64>,
+    /// Uncertainty of it: factor of the fitted logarithm. `[DIRECTIONS]`
+    pub uncertainty: Vec<f64>,
     /// True where surroundings show some of it.
     pub is_shown: bool,
     /// Mean of each fitted coefficient. `[SKY]`
@@ -28,7 +28,7 @@ impl ExpectedLight {
     pub fn even() -> Self {
         Self {
             log_radiance: std::array::from_fn(|_| vec![0.0; DIRECTIONS]),
-            doubt: vec![1.0; DIRECTIONS],
+            uncertainty: vec![1.0; DIRECTIONS],
             is_shown: false,
             coefficients: vec![0.0; SKY],
         }
@@ -52,16 +52,20 @@ impl ExpectedLight {
     }
 
     /// Light as surroundings show it.
-    pub fn shown(shown: &ShownLight) -> Self {
-        let mut sums = vec![[0f64; 5]; DIRECTIONS];
-        for (direction, omega, radiance, doubt) in shown.pixels() {
+    pub fn shown(shown: &CaptureEnvironment) -> Self {
+        let directions = directions();
+        let mut sums = vec![[0f64; 6]; DIRECTIONS];
+        for (direction, omega, radiance, uncertainty) in shown.pixels() {
             let [r, g, b] = radiance.map(f64::from);
-            let each = [r, g, b, f64::from(doubt), 1.0];
-            for (sum, value) in sums[nearest_direction(direction)].iter_mut().zip(each) {
+            // What is uncertain changes a cell by its share of the light.
+            let luminance = r + g + b;
+            let each = [r, g, b, luminance * f64::from(uncertainty), luminance, 1.0];
+            let cell = &mut sums[nearest_direction(&directions, direction)];
+            for (sum, value) in cell.iter_mut().zip(each) {
                 *sum += omega * value;
             }
         }
-        let mean = |j: usize, k: usize| sums[j][k] / sums[j][4].max(1e-12);
+        let mean = |j: usize, k: usize| sums[j][k] / sums[j][if k == 3 { 4 } else { 5 }].max(1e-12);
         let of_each = |k: usize| {
             (0..DIRECTIONS)
                 .map(move |j| (j, k))
@@ -69,7 +73,7 @@ impl ExpectedLight {
         };
         Self {
             log_radiance: std::array::from_fn(|c| of_each(c).map(|v| v.max(1e-6).ln()).collect()),
-            doubt: of_each(3).collect(),
+            uncertainty: of_each(3).collect(),
             is_shown: true,
             coefficients: vec![0.0; SKY],
         }

@@ -39,8 +39,11 @@ const VARIANCE_OF_MEDIAN: f64 = 1.27;
 /// Radiance at least, relative to what is bright, where its logarithm is taken.
 const LEAST_RADIANCE: f64 = 1e-4;
 
-/// Precision of the constant coefficient: by how much all that is in doubt may differ from what is shown.
+/// Precision of the constant coefficient: by how much all that is uncertain may differ from what is shown.
 const CONSTANT_PRECISION: f64 = 0.5;
+
+/// Strength at least, relative to what is bright: where blocking surfels are so bright that they explain everything, some direct light is left.
+const LEAST_STRENGTH: f64 = 1e-3;
 
 /// A sun's energy is held by hardly more than the object.
 const SUN_PRECISION: f64 = 1e-3;
@@ -104,11 +107,11 @@ fn radiance_of(shown: f64, sky: &[f64], basis: impl Iterator<Item = f64>) -> f64
 pub(super) struct Explained {
     /// Sky radiance over the bake's directions, relative to the light's mean. `[3][DIRECTIONS]`
     radiance: [Vec<f64>; 3],
-    /// Irradiance by a light of mean radiance 1. `[c]`
+    /// Irradiance by the light at strength 1. `[c]`
     direct: Vec<[f64; 3]>,
-    /// Divisor of the light's radiance that makes its mean 1 in each channel.
+    /// Divisor of the light's radiance that makes its strength 1 in each channel: its mean, unless its unit is known.
     pub mean_radiance: [f64; 3],
-    /// Mean radiance of the light, in the unit of the pictures: given, or such that the whitest albedo is plausible.
+    /// Strength of the light, in the unit of the pictures: given, or such that the whitest albedo is plausible.
     pub strength: f64,
     /// Logarithm of the irradiance, bounced light included. `[c]`
     pub log_irradiance: Vec<[f64; 3]>,
@@ -122,14 +125,14 @@ pub(super) struct Fit<'a> {
     pairs: Vec<Pair>,
     /// Mean radiance of the light, where that is known.
     pub strength: Option<f64>,
-    /// [`sky_basis`] over the bake's directions, times the doubt of each. `[SKY][DIRECTIONS]`
+    /// [`sky_basis`] over the bake's directions, times the uncertainty of each. `[SKY][DIRECTIONS]`
     basis: DMatrix<f32>,
     /// Logarithm of the radiance that is shown over the bake's directions. `[3][DIRECTIONS]`
     shown: [Vec<f64>; 3],
-    /// Doubt of it. `[DIRECTIONS]`
-    doubt: Vec<f64>,
+    /// Uncertainty of it. `[DIRECTIONS]`
+    uncertainty: Vec<f64>,
     /// Divisor of the radiance by channel where its unit is known, since surroundings show some of it; else its mean.
-    pub unit: Option<[f64; 3]>,
+    unit: Option<[f64; 3]>,
     /// Mean and precision of each coefficient's prior. `[SKY]`
     prior: Vec<f64>,
     precision: Vec<f64>,
@@ -161,7 +164,7 @@ impl<'a> Fit<'a> {
     pub fn new(clusters: &'a Clusters, neighbors: usize, expected: &ExpectedLight) -> Self {
         let pairs = clusters.pairs(neighbors);
         let columns: Vec<Vec<f64>> = directions().iter().map(|d| sky_basis(*d)).collect();
-        let basis = |k: usize, j: usize| (expected.doubt[j] * columns[j][k]) as f32;
+        let basis = |k: usize, j: usize| (expected.uncertainty[j] * columns[j][k]) as f32;
         Self {
             strength: expected.is_shown.then_some(1.0),
             clusters,
@@ -169,7 +172,7 @@ impl<'a> Fit<'a> {
             prior: expected.coefficients.clone(),
             basis: DMatrix::from_fn(SKY, DIRECTIONS, basis),
             shown: expected.log_radiance.clone(),
-            doubt: expected.doubt.clone(),
+            uncertainty: expected.uncertainty.clone(),
             unit: expected.is_shown.then_some([1.0; 3]),
             precision: (0..SKY).map(precision).collect(),
             epsilon: f64::from(Method::Directional.epsilon()),
@@ -183,8 +186,12 @@ impl<'a> Fit<'a> {
 
     /// Radiance of a light's sky towards a direction, in any unit.
     pub fn sky_radiance(&self, light: &FittedLight, d: Vec3) -> [f64; 3] {
-        let j = nearest_direction(d);
-        let basis = sky_basis(d).into_iter().map(|b| self.doubt[j] * b);
+        let j = match self.unit {
+            Some(_) => nearest_direction(&directions(), d),
+            // The same in all directions.
+            None => 0,
+        };
+        let basis = sky_basis(d).into_iter().map(|b| self.uncertainty[j] * b);
         [0, 1, 2].map(|c| radiance_of(self.shown[c][j], &light.sky[c], basis.clone()))
     }
 
@@ -247,34 +254,36 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// Strength of a light by the whitest surfaces, from their irradiance by it.
+    /// Strength of a light by the whitest surfaces, from their irradiance by it; none where blocking surfels explain them.
     fn white(&self, direct: &[[f64; 3]]) -> Option<White> {
         let lit = direct.iter().map(|d| d.map(|v| v + self.epsilon * PI));
         let lit: Vec<[f64; 3]> = lit.collect();
-        whitest(self.clusters, &self.pairs, &lit)
+        let least = LEAST_STRENGTH * self.clusters.bright();
+        whitest(self.clusters, &self.pairs, &lit).filter(|w| w.strength > least)
     }
 
     /// The strength with which the whitest albedo is plausible.
     fn plausible_strength(&self, direct: &[[f64; 3]]) -> f64 {
-        // Where blocking surfels are so bright that they explain everything, some direct light is left.
-        let least = 1e-3 * self.clusters.bright();
-        self.white(direct).map_or(1.0, |w| w.strength.max(least))
+        let least = LEAST_STRENGTH * self.clusters.bright();
+        self.white(direct).map_or(least, |w| w.strength)
     }
 
     /// Logarithm by which a light whose unit is known is too weak for the whitest surfaces, and its change with each unknown. `[3 P]`
-    fn too_weak(
+    fn white_residual(
         &self,
         explained: &Explained,
         jacobian: &[DMatrix<f64>],
     ) -> Option<(f64, DVector<f64>)> {
-        let white = self
-            .white(&explained.direct)
-            .filter(|_| self.unit.is_some())?;
+        self.unit?;
+        let white = self.white(&explained.direct)?;
         let p = jacobian[0].nrows();
         let mut change = DVector::zeros(3 * p);
         let mass: f64 = white.clusters.iter().map(|i| self.clusters.mass[*i]).sum();
         for i in white.clusters {
-            let lit: f64 = explained.direct[i].iter().sum();
+            let lit: f64 = explained.direct[i]
+                .iter()
+                .map(|d| d + self.epsilon * PI)
+                .sum();
             for (c, jacobian) in jacobian.iter().enumerate() {
                 let share =
                     explained.log_irradiance[i][c].exp() / lit.max(1e-12) / explained.strength;
@@ -284,12 +293,11 @@ impl<'a> Fit<'a> {
                     .axpy(weight, &jacobian.column(i), 1.0);
             }
         }
-        Some((white.strength.max(1e-6).ln(), change))
+        Some((white.strength.ln(), change))
     }
 
-    /// Settles a shown light between what the surroundings and what the object tell of it: its strength between their unit and the whitest surfaces,
-    /// its tint between theirs and grey.
-    pub fn settle(&mut self, fitted: &mut Fitted) {
+    /// Moves a shown light half of the rest of the way: its strength to that of the whitest surfaces, its tint to grey.
+    pub fn balance_strength_and_tint(&mut self, fitted: &mut Fitted) {
         let white = self.plausible_strength(&fitted.explained.direct);
         let means = [0, 1, 2].map(|c| {
             let sky = fitted.explained.radiance[c].iter().sum::<f64>() / DIRECTIONS as f64;
@@ -341,10 +349,8 @@ impl<'a> Fit<'a> {
                 }
             }
         }
-        let white = self
-            .white(&explained.direct)
-            .filter(|_| self.unit.is_some());
-        let too_weak = white.map_or(0.0, |w| w.strength.max(1e-6).ln() / WHITE_SD);
+        let white = self.unit.and_then(|_| self.white(&explained.direct));
+        let too_weak = white.map_or(0.0, |w| w.strength.ln() / WHITE_SD);
         misfit + prior + 0.5 * too_weak * too_weak
     }
 
@@ -379,7 +385,7 @@ impl<'a> Fit<'a> {
             .map(|c| self.jacobian(light, explained, c))
             .collect();
         let (mut matrix, mut gradient) = self.normal_equations(light, explained, &jacobian, noise);
-        if let Some((log, change)) = self.too_weak(explained, &jacobian) {
+        if let Some((log, change)) = self.white_residual(explained, &jacobian) {
             let precision = 1.0 / (WHITE_SD * WHITE_SD);
             matrix.ger(precision, &change, &change, 1.0);
             gradient.axpy(precision * log, &change, 1.0);
@@ -398,10 +404,11 @@ impl<'a> Fit<'a> {
         let (n, p) = (clusters.len(), light.unknowns());
         let sky = &explained.radiance[c];
         let lit = DMatrix::from_fn(SKY, DIRECTIONS, |k, j| self.basis[(k, j)] * sky[j] as f32);
-        let is_kept = if self.unit.is_some() { 0.0 } else { 1.0 };
+        let mean_factor = if self.unit.is_some() { 0.0 } else { 1.0 };
         let of_mean: Vec<f64> = (0..SKY)
             .map(|k| {
-                is_kept * lit.row(k).iter().map(|v| f64::from(*v)).sum::<f64>() / DIRECTIONS as f64
+                mean_factor * lit.row(k).iter().map(|v| f64::from(*v)).sum::<f64>()
+                    / DIRECTIONS as f64
             })
             .collect();
         let seen = DMatrixView::from_slice(&clusters.seen, DIRECTIONS, n);
@@ -413,7 +420,7 @@ impl<'a> Fit<'a> {
             for (k, v) in column.iter_mut().enumerate() {
                 *v = match &light.sun {
                     Some(sun) if k == SKY => {
-                        sun.seen[i] * energy - is_kept * direct * energy / (4.0 * PI)
+                        sun.seen[i] * energy - mean_factor * direct * energy / (4.0 * PI)
                     }
                     _ => f64::from(of_sky[(k, i)]) - direct * of_mean[k],
                 };

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::bake::strata::{DIRECTIONS, directions};
+use crate::bake::strata::DIRECTIONS;
 use crate::sh::{SQRT_4PI, coefficient_count, evaluate_basis};
 
 /// SH degree of the logarithm of the light.
@@ -18,9 +18,8 @@ pub(super) fn sky_basis(d: Vec3) -> Vec<f64> {
     values.iter().map(|v| v * SQRT_4PI).collect()
 }
 
-/// Bake's direction next to one.
-pub(super) fn nearest_direction(d: Vec3) -> usize {
-    let directions = directions();
+/// Bake's direction, of all of them, next to one.
+pub(super) fn nearest_direction(directions: &[Vec3], d: Vec3) -> usize {
     let nearer = |a: &usize, b: &usize| directions[*a].dot(d).total_cmp(&directions[*b].dot(d));
     (0..DIRECTIONS).max_by(nearer).unwrap_or_default()
 }

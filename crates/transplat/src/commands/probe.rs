@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::strata::DIRECTIONS;
+use transplat_core::capture_environment::CaptureEnvironment;
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::files::{check_output, write_environment};
@@ -14,7 +15,6 @@ use transplat_core::probe::{Beyond, Probe, RadianceToward};
 use transplat_core::progress::no_progress;
 use transplat_core::scene::{EnvironmentLight, Transform, is_estimate, is_even, is_sky};
 use transplat_core::settings::Method;
-use transplat_core::shown_light::ShownLight;
 use transplat_core::surfels::SurfelCloud;
 
 use super::headless::{Headless, read_map, report_estimate};
@@ -88,11 +88,10 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
     let environment = args.environment.clone().map(EnvironmentLight::of);
     let environment = environment
         .or_else(|| Some(headless.first().0.source.clone()).filter(|s| s.file.is_some()));
-    let mut asked = args.environment.iter().chain(&args.clipped_like);
-    let asks_for_estimate = asked.any(|file| is_estimate(file));
+    let is_requested = args.clipped_like.as_deref().is_some_and(is_estimate) && without.is_empty();
     let mut completed = Vec::new();
     for place in &places {
-        let object = place.object.filter(|_| asks_for_estimate);
+        let object = place.object.filter(|_| is_requested);
         completed.push(match object {
             Some(object) => completed_around(&headless, object, args.rows, &mut summary)?,
             None => None,
@@ -129,6 +128,7 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
             like.is_some() || args.clipped_gain > 0.0 || completed.is_some(),
             &mut summary,
         );
+        let is_completed = completed.is_some();
         probe.map = completed.unwrap_or(probe.map);
         summary.time("export", || write_environment(output, &probe.map))?;
         told.push(serde_json::json!({
@@ -136,6 +136,7 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
             "open_share": probe.open_share,
             "clipped_share": probe.clipped_share,
             "clipped_light": probe.clipped_light,
+            "is_completed": is_completed,
         }));
     }
     summary.set("places", told);
@@ -258,7 +259,7 @@ fn completed_around(
 fn estimated(
     headless: &Headless,
     cloud: Arc<SurfelCloud>,
-    shown: Option<&ShownLight>,
+    shown: Option<&CaptureEnvironment>,
     summary: &mut Summary,
 ) -> Result<Estimate> {
     let scene = &headless.shots.project.scene;

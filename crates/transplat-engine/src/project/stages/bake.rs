@@ -36,8 +36,16 @@ impl Project {
     }
 
     fn bake_key(&self, at: usize, method: Method) -> BakeKey {
-        let is_taken_out = method == Method::Directional && self.is_taken_out(at);
-        (self.directions(method), is_taken_out)
+        let is_isolated = method == Method::Directional && self.is_isolated(at);
+        (self.directions(method), is_isolated)
+    }
+
+    /// True where what is baked of an object, whole or in part, is with or without its capture as the scene is now.
+    pub(crate) fn is_baked_as_set(&self, at: usize, method: Method) -> bool {
+        let (_, is_isolated) = self.bake_key(at, method);
+        let bake = self.states[at].bakes.get(&method);
+        bake.and_then(|b| b.made_from())
+            .is_some_and(|(_, baked_so)| *baked_so == is_isolated)
     }
 
     fn is_bake_asked(&self, at: usize, method: Method) -> bool {
@@ -103,6 +111,7 @@ impl Project {
         Some(BakePlace {
             splat: asset.path.clone(),
             is_beside: self.bakes_are_beside,
+            is_part: asset.part.is_some(),
         })
     }
 
@@ -127,19 +136,15 @@ impl Project {
         // The paper's bake of a part cannot be told from that of the whole.
         let is_saved = is_seen && (asset.part.is_none() || method == Method::Directional);
         let part = asset.part.clone();
-        let (directions, is_taken_out) = key;
-        let part = part.filter(|_| method == Method::Directional && !is_taken_out);
+        let (directions, is_isolated) = key;
+        let part = part.filter(|_| method == Method::Directional && !is_isolated);
         let mut wanted = BakeRequest {
             cloud: asset.cloud.clone(),
             method,
             directions,
             optimizations: self.scene.transfer.optimizations,
             part_of: None,
-            place: place.filter(|_| is_saved).map(|place| BakePlace {
-                // Beside the splat lies that of the whole.
-                is_beside: place.is_beside && asset.part.is_none(),
-                ..place
-            }),
+            place: place.filter(|_| is_saved),
         };
         let label = tr_format!(
             "baking {what} of {asset}",

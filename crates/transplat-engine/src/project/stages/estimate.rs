@@ -1,12 +1,13 @@
-//! Stage *estimate*: the capture light from the object, once a splat, and again when its outside is set.
+//! Stage *estimate*: the capture light from the object, once a splat, and again when its outside is set or the rest of its capture is hidden or shown.
 
 use std::sync::Arc;
 
 use anyhow::Context as _;
 use transplat_core::estimate::estimate_light;
+use transplat_core::files::is_same_file;
+use transplat_core::scene::Object;
 use transplat_core::settings::Method;
 
-use crate::capture::CutPart;
 use crate::environments::Environment;
 use crate::estimate::{make_and_keep, why_not};
 use crate::jobs::{Handle, Kind, Work};
@@ -38,7 +39,8 @@ impl Project {
 
     /// True where the estimate needs a bake.
     pub(crate) fn estimate_needs_bake(&self, at: usize) -> bool {
-        self.states[at].estimate.get().is_none() && self.asks_for_estimate(at)
+        let estimate = self.states[at].estimate.of(&self.is_isolated(at));
+        estimate.is_none() && self.asks_for_estimate(at)
     }
 
     /// True while an estimate runs whose result is wanted.
@@ -52,16 +54,25 @@ impl Project {
         self.is_estimate_awaited(at) || self.is_baking_for_estimate(at)
     }
 
-    /// True for an object whose surroundings enclosed it where it was captured and are no part of the scene: it is relit from the light at its place,
-    /// not from what each surfel saw.
-    pub fn is_taken_out(&self, at: usize) -> bool {
-        let part_of = |at: usize| self.states[at].asset.as_ref()?.part.as_ref();
-        let Some(part) = part_of(at).filter(|part| part.enclosing_light.is_some()) else {
+    /// True for an object that the rest of its capture encloses, and that is shown without that: it is relit from the light at its place, not from what
+    /// each surfel saw.
+    pub fn is_isolated(&self, at: usize) -> bool {
+        let is_enclosed = |at: usize| {
+            let part = self.states[at].asset.as_ref().and_then(|a| a.part.as_ref());
+            part.is_some_and(|part| part.enclosing_light.is_some())
+        };
+        let objects = &self.scene.objects;
+        let Some(file) = objects[at].asset.as_deref().filter(|_| is_enclosed(at)) else {
             return false;
         };
-        let is_of_same = |other: &CutPart| Arc::ptr_eq(&other.capture, &part.capture);
-        let mut others = self.shown().filter(|(other, ..)| *other != at);
-        !others.any(|(other, ..)| part_of(other).is_some_and(is_of_same))
+        let is_rest = |(other, object): (usize, &Object)| {
+            let is_of_file = object
+                .asset
+                .as_deref()
+                .is_some_and(|f| is_same_file(f, file));
+            object.shown && is_of_file && !is_enclosed(other)
+        };
+        !objects.iter().enumerate().any(is_rest)
     }
 
     /// Estimates the light of the capture where the settings ask for it, once there is a bake.
@@ -70,19 +81,20 @@ impl Project {
             return;
         }
         self.show_estimate(at);
-        let is_taken_out = self.is_taken_out(at);
-        if self.states[at].estimate.is_asked(&is_taken_out) {
+        let is_isolated = self.is_isolated(at);
+        if self.states[at].estimate.is_asked(&is_isolated) {
             self.report_if_broken_off(at);
             return;
         }
         let place = self.bake_place(at);
+        let is_baked_so = self.is_baked_as_set(at, Method::Directional);
         let state = &mut self.states[at];
-        let own = state.whole_directional_bake();
+        let own = state.whole_directional_bake().filter(|_| is_baked_so);
         let (Some(asset), Some(own), Some(place)) = (&state.asset, own, place) else {
             self.report_if_broken_off(at);
             return;
         };
-        state.estimate.ask(&is_taken_out);
+        state.estimate.ask(&is_isolated);
         let (asset, id) = (asset.clone(), state.id);
         let label = tr_format!("estimating the light of {}", asset.name());
         let kind = Kind::Of(id, Work::Estimate);
@@ -91,7 +103,7 @@ impl Project {
             let report = |done| handle.progress(done);
             let mut bake = own;
             if let Some(part) = &asset.part {
-                if let Some(shown) = part.enclosing_light.as_ref().filter(|_| is_taken_out) {
+                if let Some(shown) = part.enclosing_light.as_ref().filter(|_| is_isolated) {
                     return Ok(estimate_light(&asset.cloud, &bake, Some(shown), &report)?);
                 }
                 // All of the splat tells of the light.
@@ -105,14 +117,14 @@ impl Project {
         };
         self.start(kind, label, work, move |project, estimate| {
             if let Some(at) = project.at(id) {
-                project.states[at].estimate.accept(is_taken_out, estimate);
+                project.states[at].estimate.accept(is_isolated, estimate);
             }
         });
     }
 
     /// Estimates the capture light of an object again, also where that was cancelled before or failed.
     pub fn estimate_again(&mut self, at: usize) {
-        if self.states[at].estimate.get().is_some() {
+        if self.states[at].estimate.of(&self.is_isolated(at)).is_some() {
             return;
         }
         if !self.is_estimate_awaited(at) {
@@ -131,10 +143,10 @@ impl Project {
 
     /// Tells once that what was on its way to an estimate was cancelled, or failed.
     fn report_if_broken_off(&mut self, at: usize) {
-        let is_on_its_way = self.is_estimating(at);
+        let (is_on_its_way, key) = (self.is_estimating(at), self.is_isolated(at));
         let state = &mut self.states[at];
         let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
-        if was_awaited && !is_on_its_way && state.estimate.get().is_none() {
+        if was_awaited && !is_on_its_way && state.estimate.of(&key).is_none() {
             let text = tr("The capture light was not estimated.");
             self.offer(text, at, Remedy::Estimate);
         }
@@ -144,9 +156,10 @@ impl Project {
     fn show_estimate(&mut self, at: usize) {
         let up = self.up_of(at);
         let path = self.states[at].asset.as_ref().map(|a| &a.path);
+        let made_from = self.states[at].estimate.made_from();
         let is_twin = |(other, state): (usize, &ObjectState)| {
             let of_it = state.asset.as_ref().map(|a| &a.path) == path;
-            other != at && of_it && state.estimate.get().is_some()
+            other != at && of_it && state.estimate.made_from() == made_from
         };
         // What one tells, its double tells again.
         let is_known = self.states.iter().enumerate().any(is_twin);
@@ -164,7 +177,7 @@ impl Project {
         if is_new && !is_known && self.scene.objects[at].source.is_estimate() {
             let message = match estimate.obstacle {
                 None if estimate.light.shown.is_some() => tr_format!(
-                    "The capture light is estimated from the object and its surroundings (confidence {percent:.0} %, trust {trust:.0} %).",
+                    "The capture light is estimated from the object and the rest of its capture (confidence {percent:.0} %, trust {trust:.0} %).",
                     percent = estimate.percent(),
                     trust = 100.0 * estimate.trust()
                 ),

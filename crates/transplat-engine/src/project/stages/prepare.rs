@@ -35,7 +35,6 @@ impl Project {
             bake: bake.version(),
             source,
             settings,
-            is_taken_out: self.is_taken_out(at),
         })
     }
 
@@ -51,7 +50,8 @@ impl Project {
             || !self.is_composed()
             || self.scene.transfer.method == Method::Directional;
         let is_requested = self.requested.transfers && self.is_used(at) && is_alone;
-        if !is_requested || self.waits_for_estimate(at) {
+        let is_baked = self.is_baked_as_set(at, self.scene.transfer.method);
+        if !is_requested || !is_baked || self.waits_for_estimate(at) {
             return;
         }
         let [_, target] = self.oriented_of(at);
@@ -70,12 +70,11 @@ impl Project {
         let (id, bake, cloud) = (state.id, bake.bake.clone(), asset.cloud.clone());
         let (part, asset_name) = (asset.part.clone(), asset.name());
         let (canvas, transfer) = (self.canvas.clone(), state.transfer.clone());
-        let wanted = key.clone();
+        let (wanted, is_isolated) = (key.clone(), self.is_isolated(at));
         let work = move |handle: &Handle<Change>| {
             let start = Instant::now();
             let (source, settings) = (&wanted.source.light, &wanted.settings);
-            let is_directional = settings.method == Method::Directional;
-            let among_rest = |_: &&CutPart| is_directional && !wanted.is_taken_out;
+            let among_rest = |_: &&CutPart| settings.method == Method::Directional && !is_isolated;
             let prepared = match part.as_ref().filter(among_rest) {
                 Some(part) => part.prepare(&bake, source, settings)?,
                 None => {

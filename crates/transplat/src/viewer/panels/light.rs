@@ -448,7 +448,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     ui.label(match estimate {
         _ if is_on_its_way(session) => tr("Unknown: being estimated from the object."),
         Some(estimate) if estimate.light.shown.is_some() => {
-            tr("Estimated from the object and its surroundings.")
+            tr("Estimated from the object and the rest of its capture.")
         }
         Some(estimate) if estimate.is_told() => tr("Estimated from the object."),
         Some(_) => tr("Could not be estimated from this object."),
@@ -478,15 +478,17 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
                     tr("none found")
                 };
                 fact(ui, tr("sun"), sun);
-                ui.weak(tr("Strength and tint are guesses. Adjust them below."));
+                if estimate.light.shown.is_none() {
+                    ui.weak(tr("Strength and tint are guesses. Adjust them below."));
+                }
             }
         }
     }
     let part = (session.state().asset.as_ref()).and_then(|asset| asset.part.as_ref());
     let is_enclosed = part.is_some_and(|part| part.enclosing_light.is_some());
-    if is_enclosed && !session.project.is_taken_out(session.selected) {
+    if is_enclosed && !session.project.is_isolated(session.selected) {
         ui.weak(tr(
-            "Hide the rest of the capture to estimate the light from that, too.",
+            "Hide or remove the rest of the capture: the light estimate then uses it.",
         ));
     }
     ui.weak(tr(DROP_IT));
