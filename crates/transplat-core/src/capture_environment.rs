@@ -20,7 +20,7 @@ const LARGEST: f32 = 0.5;
 /// Rows of the map.
 const ROWS: usize = 64;
 
-/// Distance from which on surroundings are seen, relative to the part's radius.
+/// Distance from which on the rest is seen, relative to the part's radius.
 const NEAR: f32 = 0.02;
 
 /// Share of the camera's white, encoded, from which what is shown may be clipped: soft Gaussians blend white with what is around it.

@@ -83,7 +83,7 @@ const STRENGTH_FITTED: f64 = 0.9;
 /// A light that was estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatedLight {
-    /// SH coefficients of the natural logarithm of the radiance, to degree [`DEGREE`]; of its ratio to what is shown, where surroundings are. `[K][3]`
+    /// SH coefficients of the natural logarithm of the radiance, to degree [`DEGREE`]; of its ratio to `shown`, where that is set. `[K][3]`
     pub log_radiance: Vec<[f32; 3]>,
     /// Light as the rest of the capture shows it, in the strength of the estimate. It is not saved.
     #[serde(skip)]
@@ -196,8 +196,8 @@ impl Estimate {
     }
 }
 
-/// Estimates the light that `cloud` was captured under; `bake` is the cloud's for the directional method, `shown` the light that its surroundings
-/// show, where it was captured among others.
+/// Estimates the light that `cloud` was captured under; `bake` is the cloud's for the directional method, `shown` the environment of an
+/// isolated part of a capture.
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`] when `progress` asked for it.

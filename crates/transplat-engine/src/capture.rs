@@ -155,8 +155,7 @@ pub struct CutPart {
     pub capture: Arc<Capture>,
     /// Indices of its surfels.
     pub surfels: Arc<[usize]>,
-    /// Light as the rest of the capture shows it, where that encloses it as a room does. What lit it there is known at its place alone: what rays meet there
-    /// is clipped, or no camera saw it.
+    /// Environment as the rest of the capture shows it, where that encloses the part as a room does.
     pub enclosing_light: Option<Arc<CaptureEnvironment>>,
 }
 

@@ -1,4 +1,4 @@
-//! The light that is expected before the object is asked: brighter above, or as the surroundings show it.
+//! The light that is expected before the object is asked: brighter above, or as the rest of a capture shows it.
 
 use glam::Vec3;
 
@@ -11,13 +11,12 @@ use crate::sh::band_of;
 const ABOVE: f64 = 0.6;
 
 /// Prior of a fit: radiance by direction, and how much of that is uncertain.
-#[derive(Clone)]
 pub(super) struct ExpectedLight {
     /// Logarithm of what is shown over the bake's directions. `[3][DIRECTIONS]`
     pub log_radiance: [Vec<f64>; 3],
     /// Uncertainty of it: factor of the fitted logarithm. `[DIRECTIONS]`
     pub uncertainty: Vec<f64>,
-    /// True where surroundings show some of it.
+    /// True where the rest of a capture shows some of it.
     pub is_shown: bool,
     /// Mean of each fitted coefficient. `[SKY]`
     pub coefficients: Vec<f64>,
@@ -51,7 +50,7 @@ impl ExpectedLight {
         }
     }
 
-    /// Light as surroundings show it.
+    /// Light as the rest of a capture shows it.
     pub fn shown(shown: &CaptureEnvironment) -> Self {
         let directions = directions();
         let mut sums = vec![[0f64; 6]; DIRECTIONS];

@@ -127,14 +127,11 @@ pub(super) struct Fit<'a> {
     pub strength: Option<f64>,
     /// [`sky_basis`] over the bake's directions, times the uncertainty of each. `[SKY][DIRECTIONS]`
     basis: DMatrix<f32>,
-    /// Logarithm of the radiance that is shown over the bake's directions. `[3][DIRECTIONS]`
-    shown: [Vec<f64>; 3],
-    /// Uncertainty of it. `[DIRECTIONS]`
-    uncertainty: Vec<f64>,
-    /// Divisor of the radiance by channel where its unit is known, since surroundings show some of it; else its mean.
+    /// Light that is expected, the mean of the prior.
+    expected: &'a ExpectedLight,
+    /// Divisor of the radiance by channel where its unit is known, since the rest of a capture shows some of it; else its mean.
     unit: Option<[f64; 3]>,
-    /// Mean and precision of each coefficient's prior. `[SKY]`
-    prior: Vec<f64>,
+    /// Precision of each coefficient's prior. `[SKY]`
     precision: Vec<f64>,
     /// Light from everywhere, as a share of the mean, that no surfel is without: as in the transfer.
     epsilon: f64,
@@ -161,7 +158,7 @@ pub(super) struct Fitted {
 
 impl<'a> Fit<'a> {
     /// A fit to clusters, each compared with so many nearest ones, of a light like the expected one.
-    pub fn new(clusters: &'a Clusters, neighbors: usize, expected: &ExpectedLight) -> Self {
+    pub fn new(clusters: &'a Clusters, neighbors: usize, expected: &'a ExpectedLight) -> Self {
         let pairs = clusters.pairs(neighbors);
         let columns: Vec<Vec<f64>> = directions().iter().map(|d| sky_basis(*d)).collect();
         let basis = |k: usize, j: usize| (expected.uncertainty[j] * columns[j][k]) as f32;
@@ -169,10 +166,8 @@ impl<'a> Fit<'a> {
             strength: expected.is_shown.then_some(1.0),
             clusters,
             pairs,
-            prior: expected.coefficients.clone(),
+            expected,
             basis: DMatrix::from_fn(SKY, DIRECTIONS, basis),
-            shown: expected.log_radiance.clone(),
-            uncertainty: expected.uncertainty.clone(),
             unit: expected.is_shown.then_some([1.0; 3]),
             precision: (0..SKY).map(precision).collect(),
             epsilon: f64::from(Method::Directional.epsilon()),
@@ -191,8 +186,16 @@ impl<'a> Fit<'a> {
             // The same in all directions.
             None => 0,
         };
-        let basis = sky_basis(d).into_iter().map(|b| self.uncertainty[j] * b);
-        [0, 1, 2].map(|c| radiance_of(self.shown[c][j], &light.sky[c], basis.clone()))
+        let basis = sky_basis(d)
+            .into_iter()
+            .map(|b| self.expected.uncertainty[j] * b);
+        [0, 1, 2].map(|c| {
+            radiance_of(
+                self.expected.log_radiance[c][j],
+                &light.sky[c],
+                basis.clone(),
+            )
+        })
     }
 
     pub fn explain(&self, light: &FittedLight) -> Explained {
@@ -207,7 +210,7 @@ impl<'a> Fit<'a> {
                 .map(|j| {
                     let basis = self.basis.column(j);
                     let basis = basis.iter().map(|b| f64::from(*b));
-                    radiance_of(self.shown[c][j], &light.sky[c], basis)
+                    radiance_of(self.expected.log_radiance[c][j], &light.sky[c], basis)
                 })
                 .collect();
             let mean = || sky.iter().sum::<f64>() / DIRECTIONS as f64 + energy / (4.0 * PI);
@@ -344,8 +347,8 @@ impl<'a> Fit<'a> {
                     prior += 0.5
                         * self.precision[k]
                         * coupling(a, b)
-                        * (light.sky[a][k] - self.prior[k])
-                        * (light.sky[b][k] - self.prior[k]);
+                        * (light.sky[a][k] - self.expected.coefficients[k])
+                        * (light.sky[b][k] - self.expected.coefficients[k]);
                 }
             }
         }
@@ -477,7 +480,8 @@ impl<'a> Fit<'a> {
                     };
                     matrix[(a * p + k, b * p + k)] += held;
                     if k < SKY {
-                        gradient[a * p + k] += held * (light.sky[b][k] - self.prior[k]);
+                        gradient[a * p + k] +=
+                            held * (light.sky[b][k] - self.expected.coefficients[k]);
                     }
                 }
             }

@@ -237,7 +237,7 @@ impl ProbeEnvironment {
     }
 }
 
-/// The light at a shown object that its surroundings enclose where it was captured: its own shading completes what they show.
+/// Light at a shown object that the rest of its capture encloses, completed by its own shading.
 fn completed_around(
     headless: &Headless,
     object: usize,
@@ -255,7 +255,7 @@ fn completed_around(
     Ok(estimate.is_told().then(map))
 }
 
-/// The light that some surfels tell of, and their surroundings show.
+/// Estimate of the light on some surfels.
 fn estimated(
     headless: &Headless,
     cloud: Arc<SurfelCloud>,
