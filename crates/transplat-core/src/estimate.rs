@@ -13,6 +13,7 @@ mod strength;
 mod sun;
 #[cfg(test)]
 mod tests;
+mod turn;
 mod white;
 
 use glam::Vec3;
@@ -28,9 +29,11 @@ use crate::progress::{Progress, part};
 use crate::sh::{MAX_DEGREE, SQRT_4PI, evaluate_sh};
 use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::directional::mean_radiance;
-use clusters::Clusters;
+use clusters::{Clusters, FEWEST_CLUSTERS, NEIGHBORS};
 use expected::ExpectedLight;
-use fit::{Explained, Fit, Fitted, FittedLight};
+pub use turn::{Advice, Alignment, align_light};
+
+use fit::{Explained, Fit, Fitted, FittedLight, Unit};
 pub use sky::DEGREE;
 
 /// Trust at least, and where the object tells nothing. To leave the colour as it was captured (0) and to divide all of a wrong light out of it (1)
@@ -46,9 +49,6 @@ const SHOWN_UNCERTAINTY: f64 = 0.5;
 
 /// Confidence from which on an estimate says where up is.
 const CERTAIN: f32 = 0.6;
-
-/// Clusters that are needed to tell anything.
-const FEWEST_CLUSTERS: usize = 8;
 
 /// Length of the mean normal above which everything faces one way.
 const ONE_WAY: f32 = 0.97;
@@ -67,9 +67,8 @@ const MAP_ROWS: usize = 256;
 /// Radius of the disc that stands for a sun in the map, in degrees: three pixels.
 const DRAWN_SUN: f64 = 2.0;
 
-/// Neighbours that a cluster is compared with. Where those differ by [`NOISY`] or more under any light, more tell more: so many, or that
-/// share of all.
-const NEIGHBORS: usize = 24;
+/// Neighbours that a noisy cluster is compared with, where [`NEIGHBORS`] differ by [`NOISY`] or more under any light: so many, or that share
+/// of all.
 const MANY_NEIGHBORS: usize = 96;
 const MANY_SHARE: f64 = 0.08;
 const NOISY: f64 = 0.15;
@@ -78,7 +77,8 @@ const NOISY: f64 = 0.15;
 const GATHERED: f64 = 0.1;
 const SKY_FITTED: f64 = 0.3;
 const SUN_FITTED: f64 = 0.7;
-const STRENGTH_FITTED: f64 = 0.9;
+const STRENGTH_FITTED: f64 = 0.85;
+const TINT_FITTED: f64 = 0.95;
 
 /// A light that was estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -253,7 +253,11 @@ pub fn estimate_light(
     };
     let mut fit = far.unwrap_or(near);
     fit.strength = Some(strength);
-    let mut fitted = fit.run(light, &part(progress, STRENGTH_FITTED, 1.0))?;
+    if shown.is_none() {
+        let step = part(progress, STRENGTH_FITTED, TINT_FITTED);
+        fit.unit = Unit::Mean(strength::tint(&mut fit, &light, &step)?);
+    }
+    let mut fitted = fit.run(light, &part(progress, TINT_FITTED, 1.0))?;
     if shown.is_some() {
         fit.balance_strength_and_tint(&mut fitted);
     }

@@ -54,6 +54,8 @@ pub enum Work {
     Bake(Method),
     /// Estimates the light of the capture.
     Estimate,
+    /// Compares a user-set capture light with the object.
+    Align,
     /// Prepares the transfer from the source light.
     Prepare,
     /// Relights exactly.

@@ -14,7 +14,7 @@ use transplat_core::bake::surroundings::Detail;
 use transplat_core::camera::CameraPose;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
-use transplat_core::estimate::Estimate;
+use transplat_core::estimate::{Alignment, Estimate};
 use transplat_core::present::{LowConfidence, View};
 use transplat_core::scene::{EnvironmentLight, Light, Transform};
 use transplat_core::settings::optimizations::{Optimizations, SkippedWork};
@@ -65,6 +65,8 @@ pub struct ObjectState {
     pub estimated: Derived<(u64, UpAxis), Arc<Environment>>,
     /// True where an estimate was awaited when it was last looked for.
     pub estimate_awaited: bool,
+    /// Errors of a user-set capture light at every rotation; none where the object says nothing.
+    pub alignment: Derived<AlignmentKey, Option<Alignment>>,
     /// Cache of the preparation between settings.
     pub transfer: Arc<Mutex<TransferCache>>,
     /// Transfer from the source light.
@@ -222,6 +224,21 @@ pub type JointKey = (Vec<u64>, u64, OrientedLight, (Part, bool), Vec<u64>);
 
 /// Directions, and whether it is baked without the capture that it is cut out of. The fronts are the asset's: with others, what was baked is dropped.
 pub type BakeKey = (usize, bool);
+
+/// All that an alignment depends on: the light and the bake by their versions.
+#[derive(Clone, PartialEq)]
+pub struct AlignmentKey {
+    /// Environment of the capture light.
+    pub light: u64,
+    /// Its settings, at rotation 0.
+    pub settings: EnvironmentLight,
+    /// Version of the bake.
+    pub bake: u64,
+    /// Up axis of the object.
+    pub up: UpAxis,
+    /// True where the object alone is baked, of a capture.
+    pub is_isolated: bool,
+}
 
 /// All that a preparation depends on: the bake by its version.
 #[derive(Clone, PartialEq)]

@@ -83,6 +83,8 @@ pub enum Remedy {
     Unlock,
     /// Estimates the capture light of the object again.
     Estimate,
+    /// Rotates the capture light of the object to where it explains the shading.
+    Align,
 }
 
 impl Remedy {
@@ -94,6 +96,7 @@ impl Remedy {
             Self::ResetScale => tr("Keep its scale"),
             Self::Unlock => tr("Unlock"),
             Self::Estimate => tr("Estimate again"),
+            Self::Align => tr("Rotate it"),
         }
     }
 }
@@ -105,6 +108,8 @@ pub struct Requested {
     pub bakes: bool,
     /// Capture lights and the target light.
     pub lights: bool,
+    /// Comparison of user-set capture lights with the objects.
+    pub alignment: bool,
     /// Transfers, which need both.
     pub transfers: bool,
     /// The ground that catches shadows, if the scene has one.
@@ -274,6 +279,7 @@ impl Project {
             canvas: Some(canvas),
             requested: Requested {
                 bakes: true,
+                alignment: true,
                 lights: true,
                 transfers: true,
                 ground: true,
@@ -365,6 +371,9 @@ impl Project {
             Remedy::ResetScale => self.scale_about_middle(at, 1.0),
             Remedy::Unlock => self.scene.objects[at].locked = false,
             Remedy::Estimate => self.estimate_again(at),
+            Remedy::Align => {
+                self.align_source(at);
+            }
         }
     }
 
@@ -493,6 +502,7 @@ impl Project {
         for at in objects {
             self.orient_lights(at);
             self.start_prepare(at);
+            self.update_alignment(at);
         }
         self.start_inter_object();
         self.start_insertion();

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use glam::{DVec3, Vec3};
+use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::camera::CameraPose;
 use transplat_core::crop::proposed_crop;
 use transplat_core::files::{
@@ -18,6 +19,7 @@ use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::up_axis::{UpEvidence, proposed_up};
 
 use crate::capture::{Capture, CutPart, part_of};
+use crate::language::tr;
 use crate::reading::Reading;
 use crate::warnings::asset_warnings;
 
@@ -135,6 +137,25 @@ impl Splat {
     /// All of the splat that it is of.
     pub fn whole_cloud(&self) -> &Arc<SurfelCloud> {
         self.part.as_ref().map_or(&self.cloud, |p| &p.capture.cloud)
+    }
+
+    /// Surfels that the light of the capture shone on, with their bake: all of the splat that this is cut out of, or the object alone (`own`).
+    ///
+    /// # Errors
+    /// The whole capture is not baked.
+    pub fn under_capture_light(
+        &self,
+        own: Arc<DirectionalBake>,
+        is_isolated: bool,
+    ) -> Result<(&Arc<SurfelCloud>, Arc<DirectionalBake>)> {
+        match self.part.as_ref().filter(|_| !is_isolated) {
+            Some(part) => {
+                let bake = part.capture.known_bake();
+                let bake = bake.context(tr("the capture is not baked"))?;
+                Ok((&part.capture.cloud, bake))
+            }
+            None => Ok((&self.cloud, own)),
+        }
     }
 
     /// The splat as it stands with an up axis, which may be another than its file's.

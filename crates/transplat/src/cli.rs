@@ -19,8 +19,8 @@ use transplat_engine::delight::DelitAs;
 use transplat_engine::device::DeviceChoice;
 use transplat_engine::output::ImageFormat;
 use transplat_engine::video::FRAME_RATE;
-pub use values::VIEWS;
 use values::*;
+pub use values::{Rotation, VIEWS};
 
 /// Relight Gaussian splats: a trained splat, the light of its capture, and any other light.
 #[derive(Debug, Parser)]
@@ -173,9 +173,9 @@ pub struct CaptureArgs {
     /// Trust in the capture light, 0 to 1: the power of the change away from it [default: 1, of an estimate by its confidence]
     #[arg(long, value_name = "SHARE", value_parser = parse_share)]
     pub trust_source: Option<f64>,
-    /// Rotate the capture light about the up axis
-    #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
-    pub rotate_source: Option<f64>,
+    /// Rotate the capture light about the up axis; "fit": to where it explains the shading of the splat best (preset best)
+    #[arg(long, value_name = "DEG|fit", value_parser = parse_rotation, allow_hyphen_values = true)]
+    pub rotate_source: Option<Rotation>,
     /// Method: best (directional, accurate) or paper (harmonic, as in TranSplat) [default: best]
     #[arg(long, value_name = "best|paper", value_parser = parse_named::<Method>)]
     pub preset: Option<Method>,

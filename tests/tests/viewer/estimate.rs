@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use eframe::egui;
+use eframe::egui::accesskit::Role;
 use egui_kittest::kittest::Queryable;
 use glam::{DMat3, DQuat, DVec3};
 use transplat::viewer::Task;
@@ -55,6 +56,35 @@ fn the_light_is_estimated_where_nobody_tells_it() {
         d.after(|v| v.session.set_light(0, light.into()));
         assert_eq!(d.viewer().session.source_is_assumed(), is_even);
     }
+}
+
+/// The bundled teapot was captured under its city as that lies in its file.
+#[test]
+fn a_capture_light_that_contradicts_the_object_is_rotated_by_a_click() {
+    let mut d = Driver::bundled();
+    let rotation = |d: &mut Driver| d.viewer().session.object().source.rotation;
+    d.click("Light");
+    let page = d
+        .harness
+        .get_by_role_and_label(Role::Button, "Capture light");
+    page.click();
+    d.settle();
+    d.harness.get_by_label("Fits the shading.");
+    d.after(|v| v.session.object_mut().source.rotation = 140.0);
+    d.harness.get_by_label("Contradicts the shading.");
+    d.click("Rotate to fit");
+    // Steps of 10 degrees, and a parabola between them.
+    assert!(rotation(&mut d).abs() < 3.0, "{}", rotation(&mut d));
+    // A light that comes rotated is compared by itself, and the message rotates it.
+    d.after(|v| {
+        let source = &mut v.session.object_mut().source;
+        (source.rotation, source.tilt) = (-70.0, 1.0);
+    });
+    let warning = "The capture light contradicts the shading of teapot at this rotation.";
+    d.harness.get_by_label(warning);
+    d.click("Rotate it");
+    assert!(rotation(&mut d).abs() < 3.0, "{}", rotation(&mut d));
+    d.harness.get_by_label("Fits the shading.");
 }
 
 #[test]

@@ -16,6 +16,12 @@ use crate::transfer::directional::FrontAndBack;
 /// Surfels of a cluster at least, where it is not the only one.
 const FEWEST: usize = 4;
 
+/// Clusters that are needed to show any light.
+pub(super) const FEWEST_CLUSTERS: usize = 8;
+
+/// Neighbours that a cluster is compared with.
+pub(super) const NEIGHBORS: usize = 24;
+
 /// Surfels a cell on average, where there are not too many clusters.
 const PER_CLUSTER: usize = 10;
 

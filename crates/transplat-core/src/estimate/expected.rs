@@ -1,14 +1,20 @@
 //! The light that is expected before the object is asked: brighter above, or as the rest of a capture shows it.
 
+use std::f64::consts::PI;
+
 use glam::Vec3;
 
 use super::sky::{SKY, nearest_direction, sky_basis};
 use crate::bake::strata::{DIRECTIONS, directions};
 use crate::capture_environment::CaptureEnvironment;
+use crate::environment::LightSamples;
 use crate::sh::band_of;
 
 /// Mean of the logarithm along the up axis (basis of mean square 1): the upper half is 2.8 times as bright as the lower.
 const ABOVE: f64 = 0.6;
+
+/// Width of a known sun, in degrees: half of what the bake's directions are apart.
+const SUN_WIDTH: f32 = 5.0;
 
 /// Prior of a fit: radiance by direction, and how much of that is uncertain.
 pub(super) struct ExpectedLight {
@@ -46,6 +52,43 @@ impl ExpectedLight {
         }
         Self {
             coefficients,
+            ..Self::even()
+        }
+    }
+
+    /// Light that is known; suns are as wide as the directions are apart.
+    pub fn known(light: &LightSamples) -> Self {
+        let directions = directions();
+        let mut energies = vec![[0.0; 3]; DIRECTIONS];
+        let mut add = |j: usize, energy: [f32; 3], share: f64| {
+            for (sum, energy) in energies[j].iter_mut().zip(energy) {
+                *sum += share * f64::from(energy);
+            }
+        };
+        for cell in &light.cells {
+            let j = nearest_direction(&directions, cell.direction);
+            add(j, cell.energy, 1.0);
+        }
+        for sun in &light.suns {
+            let shares: Vec<f64> = directions
+                .iter()
+                .map(|d| {
+                    let angle = sun.direction.angle_between(*d).to_degrees();
+                    (-f64::from(angle / SUN_WIDTH).powi(2)).exp()
+                })
+                .collect();
+            let all: f64 = shares.iter().sum();
+            for (j, share) in shares.into_iter().enumerate() {
+                add(j, sun.energy, share / all);
+            }
+        }
+        let omega = 4.0 * PI / DIRECTIONS as f64;
+        let log = |c: usize| {
+            let each = energies.iter().map(move |e| (e[c] / omega).max(1e-6).ln());
+            each.collect()
+        };
+        Self {
+            log_radiance: std::array::from_fn(log),
             ..Self::even()
         }
     }

@@ -119,6 +119,15 @@ pub(super) struct Explained {
     residual: Vec<[f64; 3]>,
 }
 
+/// Divisor of a light's radiance at strength 1, by channel.
+#[derive(Clone, Copy)]
+pub(super) enum Unit {
+    /// Mean of the light over its tint, which is all that is known of its colour. The strength says the rest.
+    Mean([f64; 3]),
+    /// Divisor that is known.
+    Known([f64; 3]),
+}
+
 /// Finds the light of the highest probability.
 pub(super) struct Fit<'a> {
     pub clusters: &'a Clusters,
@@ -128,11 +137,10 @@ pub(super) struct Fit<'a> {
     /// [`sky_basis`] over the bake's directions, times the uncertainty of each. `[SKY][DIRECTIONS]`
     basis: DMatrix<f32>,
     /// Light that is expected, the mean of the prior.
-    expected: &'a ExpectedLight,
-    /// Divisor of the radiance by channel where its unit is known, since the rest of a capture shows some of it; else its mean.
-    unit: Option<[f64; 3]>,
-    /// Precision of each coefficient's prior. `[SKY]`
-    precision: Vec<f64>,
+    pub expected: &'a ExpectedLight,
+    pub unit: Unit,
+    /// Precision of each coefficient's prior, for the sum of the channels and for what they differ by. `[SKY]`
+    pub precision: Vec<[f64; 2]>,
     /// Light from everywhere, as a share of the mean, that no surfel is without: as in the transfer.
     epsilon: f64,
 }
@@ -156,6 +164,16 @@ pub(super) struct Fitted {
     pub open: f64,
 }
 
+impl Fitted {
+    /// Mean radiance by channel, over the fit's unit.
+    pub fn means(&self) -> [f64; 3] {
+        [0, 1, 2].map(|c| {
+            let sky = self.explained.radiance[c].iter().sum::<f64>() / DIRECTIONS as f64;
+            sky + self.light.sun_energy(c) / (4.0 * PI * self.explained.mean_radiance[c])
+        })
+    }
+}
+
 impl<'a> Fit<'a> {
     /// A fit to clusters, each compared with so many nearest ones, of a light like the expected one.
     pub fn new(clusters: &'a Clusters, neighbors: usize, expected: &'a ExpectedLight) -> Self {
@@ -168,7 +186,10 @@ impl<'a> Fit<'a> {
             pairs,
             expected,
             basis: DMatrix::from_fn(SKY, DIRECTIONS, basis),
-            unit: expected.is_shown.then_some([1.0; 3]),
+            unit: match expected.is_shown {
+                true => Unit::Known([1.0; 3]),
+                false => Unit::Mean([1.0; 3]),
+            },
             precision: (0..SKY).map(precision).collect(),
             epsilon: f64::from(Method::Directional.epsilon()),
         }
@@ -181,10 +202,10 @@ impl<'a> Fit<'a> {
 
     /// Radiance of a light's sky towards a direction, in any unit.
     pub fn sky_radiance(&self, light: &FittedLight, d: Vec3) -> [f64; 3] {
-        let j = match self.unit {
-            Some(_) => nearest_direction(&directions(), d),
+        let j = match self.expected.is_shown {
+            true => nearest_direction(&directions(), d),
             // The same in all directions.
-            None => 0,
+            false => 0,
         };
         let basis = sky_basis(d)
             .into_iter()
@@ -214,7 +235,10 @@ impl<'a> Fit<'a> {
                 })
                 .collect();
             let mean = || sky.iter().sum::<f64>() / DIRECTIONS as f64 + energy / (4.0 * PI);
-            let mean = self.unit.map_or_else(mean, |unit| unit[c]);
+            let mean = match self.unit {
+                Unit::Mean(tint) => mean() / tint[c],
+                Unit::Known(unit) => unit[c],
+            };
             for r in &mut sky {
                 *r /= mean;
             }
@@ -265,20 +289,25 @@ impl<'a> Fit<'a> {
         whitest(self.clusters, &self.pairs, &lit).filter(|w| w.strength > least)
     }
 
+    /// [`Self::white`] where the rest of a capture shows the light: it is an observation there.
+    fn white_of_shown(&self, explained: &Explained) -> Option<White> {
+        let shown = self.expected.is_shown.then_some(&explained.direct);
+        shown.and_then(|direct| self.white(direct))
+    }
+
     /// The strength with which the whitest albedo is plausible.
     fn plausible_strength(&self, direct: &[[f64; 3]]) -> f64 {
         let least = LEAST_STRENGTH * self.clusters.bright();
         self.white(direct).map_or(least, |w| w.strength)
     }
 
-    /// Logarithm by which a light whose unit is known is too weak for the whitest surfaces, and its change with each unknown. `[3 P]`
+    /// Logarithm by which a shown light is too weak for the whitest surfaces, and its change with each unknown. `[3 P]`
     fn white_residual(
         &self,
         explained: &Explained,
         jacobian: &[DMatrix<f64>],
     ) -> Option<(f64, DVector<f64>)> {
-        self.unit?;
-        let white = self.white(&explained.direct)?;
+        let white = self.white_of_shown(explained)?;
         let p = jacobian[0].nrows();
         let mut change = DVector::zeros(3 * p);
         let mass: f64 = white.clusters.iter().map(|i| self.clusters.mass[*i]).sum();
@@ -302,12 +331,9 @@ impl<'a> Fit<'a> {
     /// Moves a shown light half of the rest of the way: its strength to that of the whitest surfaces, its tint to grey.
     pub fn balance_strength_and_tint(&mut self, fitted: &mut Fitted) {
         let white = self.plausible_strength(&fitted.explained.direct);
-        let means = [0, 1, 2].map(|c| {
-            let sky = fitted.explained.radiance[c].iter().sum::<f64>() / DIRECTIONS as f64;
-            sky + fitted.light.sun_energy(c) / (4.0 * PI)
-        });
+        let means = fitted.means();
         let grey = means.iter().sum::<f64>() / 3.0;
-        self.unit = Some(means.map(|mean| (mean / grey).sqrt()));
+        self.unit = Unit::Known(means.map(|mean| (mean / grey).sqrt()));
         self.strength = Some(white.sqrt());
         fitted.explained = self.explain(&fitted.light);
     }
@@ -327,10 +353,14 @@ impl<'a> Fit<'a> {
     }
 
     /// Variance of the pairs' differences, by their median: edges between materials do not count.
-    pub fn noise(&self, explained: &Explained) -> f64 {
+    pub fn misfit(&self, explained: &Explained) -> f64 {
         let median = weighted_quantile(self.differences(explained), 0.5);
-        let variance = median.map_or(0.0, |d| VARIANCE_OF_MEDIAN * d);
-        variance.max(LEAST_NOISE * LEAST_NOISE)
+        median.map_or(0.0, |d| VARIANCE_OF_MEDIAN * d)
+    }
+
+    /// [`Self::misfit`], which is at least what no capture is free of.
+    pub fn noise(&self, explained: &Explained) -> f64 {
+        self.misfit(explained).max(LEAST_NOISE * LEAST_NOISE)
     }
 
     /// Minus the logarithm of a light's probability, but for a constant.
@@ -345,14 +375,13 @@ impl<'a> Fit<'a> {
             for b in 0..3 {
                 for k in 0..SKY {
                     prior += 0.5
-                        * self.precision[k]
-                        * coupling(a, b)
+                        * held(self.precision[k], a, b)
                         * (light.sky[a][k] - self.expected.coefficients[k])
                         * (light.sky[b][k] - self.expected.coefficients[k]);
                 }
             }
         }
-        let white = self.unit.and_then(|_| self.white(&explained.direct));
+        let white = self.white_of_shown(explained);
         let too_weak = white.map_or(0.0, |w| w.strength.ln() / WHITE_SD);
         misfit + prior + 0.5 * too_weak * too_weak
     }
@@ -407,7 +436,10 @@ impl<'a> Fit<'a> {
         let (n, p) = (clusters.len(), light.unknowns());
         let sky = &explained.radiance[c];
         let lit = DMatrix::from_fn(SKY, DIRECTIONS, |k, j| self.basis[(k, j)] * sky[j] as f32);
-        let mean_factor = if self.unit.is_some() { 0.0 } else { 1.0 };
+        let mean_factor = match self.unit {
+            Unit::Mean(tint) => 1.0 / tint[c],
+            Unit::Known(_) => 0.0,
+        };
         let of_mean: Vec<f64> = (0..SKY)
             .map(|k| {
                 mean_factor * lit.row(k).iter().map(|v| f64::from(*v)).sum::<f64>()
@@ -474,7 +506,7 @@ impl<'a> Fit<'a> {
             for a in 0..3 {
                 for b in 0..3 {
                     let held = match self.precision.get(k) {
-                        Some(precision) => precision * coupling(a, b),
+                        Some(precision) => held(*precision, a, b),
                         None if a == b => SUN_PRECISION,
                         None => 0.0,
                     };
@@ -508,18 +540,19 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// Precision of the prior of coefficient `k`: fine detail is less probable than that the light is even.
-pub(super) fn precision(k: usize) -> f64 {
+/// Precision of the prior of coefficient `k`, for the sum of the channels and for what they differ by: fine detail is less probable than
+/// that the light is even, and colour less probable than both.
+pub(super) fn precision(k: usize) -> [f64; 2] {
     let band = band_of(k) as f64;
-    if k == 0 {
-        CONSTANT_PRECISION
-    } else {
-        band * (band + 1.0)
-    }
+    let of_sum = match k {
+        0 => CONSTANT_PRECISION,
+        _ => band * (band + 1.0),
+    };
+    [of_sum, COUPLING * of_sum]
 }
 
-/// Two channels' share of the prior's precision: that they differ is less probable than that the light is uneven.
-pub(super) fn coupling(a: usize, b: usize) -> f64 {
-    let alike = (COUPLING - 1.0) / 3.0;
-    if a == b { COUPLING - alike } else { -alike }
+/// Two channels' entry of a prior's precision.
+pub(super) fn held([of_sum, of_difference]: [f64; 2], a: usize, b: usize) -> f64 {
+    let of_both = (of_sum - of_difference) / 3.0;
+    of_both + if a == b { of_difference } else { 0.0 }
 }

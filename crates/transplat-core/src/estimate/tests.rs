@@ -1,13 +1,14 @@
 use std::sync::Arc;
 
-use glam::{Vec2, Vec3};
+use glam::{DMat3, Vec2, Vec3};
 use proptest::prelude::*;
 
 use super::expected::ExpectedLight;
-use super::fit::{coupling, precision};
+use super::fit::{held, precision};
 use super::sky::{SKY, sky_basis};
 use super::*;
 use crate::color::Encoding;
+use crate::environment::LightSamples;
 use crate::oracle::EstimateProblem;
 use crate::progress::no_progress;
 use crate::synthetic;
@@ -148,6 +149,29 @@ fn strength_follows_from_what_bounces() {
     assert!((ratio - 1.0).abs() < 0.15, "{ratio}");
 }
 
+/// Hollows are as yellow as what they face makes them, and as the light that reaches them.
+#[test]
+fn the_tint_follows_from_what_bounces() {
+    let yellow = |d: Vec3| {
+        let [r, g, b] = slanted(d);
+        [1.2 * r, g, 0.7 * b]
+    };
+    let found = estimate(&lit(4000, yellow, None));
+    let mean = |sky: &dyn Fn(Vec3) -> [f32; 3], c: usize| -> f32 {
+        directions().into_iter().map(|d| sky(d)[c]).sum()
+    };
+    let over_blue = |sky: &dyn Fn(Vec3) -> [f32; 3]| (mean(sky, 0) / mean(sky, 2)).ln();
+    let [found, expected] = [
+        over_blue(&|d| found.light.sky_radiance(d)),
+        over_blue(&yellow),
+    ];
+    // Grey light is expected with a standard deviation of 0.15 in each channel: this is two and a half of them off.
+    assert!(
+        (found - expected).abs() < 0.3 * expected,
+        "{found} for {expected}"
+    );
+}
+
 /// Of some it would be the order of the file that decides which.
 #[test]
 fn all_surfels_of_a_cluster_are_asked_for_the_sun() {
@@ -180,7 +204,7 @@ fn a_sun_is_found_where_there_is_one() {
     assert!((0.5..1.5).contains(&ratio), "{ratio}");
     // Any program that reads the map sees the same light.
     let map = found.light.map(UpAxis::default());
-    let light_samples = crate::environment::LightSamples::of(&map);
+    let light_samples = LightSamples::of(&map);
     assert!(
         light_samples.suns[0]
             .direction
@@ -387,6 +411,61 @@ fn a_room_is_not_enclosed_by_what_stands_in_it() {
     assert!(CaptureEnvironment::around(&opaque, &object, None).is_some());
 }
 
+/// A warm lobe and a cold one beside it: no rotation or mirror image of it is like it.
+fn lobes(d: Vec3) -> [f32; 3] {
+    let lobe = |toward: [f32; 3]| (3.0 * (d.dot(Vec3::from(toward).normalize()) - 1.0)).exp();
+    let (warm, cold) = (lobe([1.0, 0.0, 0.6]), lobe([0.2, 1.0, 0.4]));
+    [
+        0.1 + 4.0 * warm + 0.6 * cold,
+        0.1 + 3.0 * warm + cold,
+        0.1 + 2.0 * warm + 1.6 * cold,
+    ]
+}
+
+fn samples(sky: impl Fn(Vec3) -> [f32; 3] + Sync) -> LightSamples {
+    LightSamples::of(&EnvironmentMap::of_directions(256, 128, |d| {
+        sky(d.as_vec3())
+    }))
+}
+
+/// How an object lit by `lobes` is aligned with a light, as it is and mirrored.
+fn aligned(lights: [LightSamples; 2]) -> Alignment {
+    let (cloud, bake) = lit(3000, lobes, None);
+    let [light, mirrored] = &lights;
+    align_light(&cloud, &bake, cloud.up, [light, mirrored], &no_progress)
+        .expect("not cancelled")
+        .expect("it shows its light")
+}
+
+#[test]
+fn a_light_is_rotated_to_where_it_explains_the_object() {
+    let light = samples(lobes);
+    let found = aligned([light.clone(), light.mirrored()]);
+    assert_eq!(found.advice(0.0, false), Advice::Keep);
+    assert_eq!(found.advice(3.0, false), Advice::Keep);
+    // It was captured at 0; a light that comes rotated by 130 has to go back.
+    let turned = light.rotated(DMat3::from_rotation_z(130f64.to_radians()));
+    let found = aligned([turned.clone(), turned.mirrored()]);
+    let Advice::Rotate(back, false) = found.advice(0.0, false) else {
+        panic!("{:?}", found.advice(0.0, false));
+    };
+    assert!((back + 130.0).abs() < 3.0, "{back}");
+    // Mirrored, too.
+    let found = aligned([turned.mirrored(), turned]);
+    let Advice::Rotate(back, true) = found.advice(0.0, false) else {
+        panic!("{:?}", found.advice(0.0, false));
+    };
+    assert!((back + 130.0).abs() < 3.0, "{back}");
+}
+
+#[test]
+fn a_light_of_another_place_fits_nowhere() {
+    // Bright at the horizon all around, and black above: the object was lit from two sides and from above.
+    let ring = samples(|d| [(-(d.z / 0.1).powi(2)).exp() + 1e-3; 3]);
+    let found = aligned([ring.clone(), ring]);
+    assert_eq!(found.advice(0.0, false), Advice::Replace);
+}
+
 #[test]
 fn trust_grows_with_confidence_from_half_to_full() {
     let trust = |confidence| {
@@ -412,7 +491,9 @@ fn one_turn_is_that_of_the_oracle() {
     let (cloud, bake) = lit(700, slanted, None);
     let clusters = Clusters::new(&cloud, &bake, &mean_radiance(&cloud, &bake.normals));
     let expected = ExpectedLight::from_above(Vec3::Z);
-    let fit = Fit::new(&clusters, NEIGHBORS, &expected);
+    let mut fit = Fit::new(&clusters, NEIGHBORS, &expected);
+    let tint = [1.2, 1.0, 0.8];
+    fit.unit = Unit::Mean(tint);
     let wave = |c: usize| move |k: usize| 0.1 * ((k * 7 + c * 5) as f64).sin();
     let start = FittedLight {
         sky: std::array::from_fn(|c| (0..SKY).map(wave(c)).collect()),
@@ -426,14 +507,15 @@ fn one_turn_is_that_of_the_oracle() {
         .iter()
         .map(|p| (p.of.map(|k| k as usize), p.weight))
         .collect();
-    let precision: Vec<f64> = (0..SKY).map(precision).collect();
+    let precision: Vec<f64> = (0..SKY).map(|k| precision(k)[0]).collect();
     let oracle = EstimateProblem {
         radiance: &clusters.radiance,
         seen: &clusters.seen,
         basis: &basis,
         prior: &expected.coefficients,
         precision: &precision,
-        coupling: std::array::from_fn(|a| std::array::from_fn(|b| coupling(a, b))),
+        coupling: std::array::from_fn(|a| std::array::from_fn(|b| held([1.0, 3.0], a, b))),
+        tint,
         bounced: &clusters.bounced,
         mass: &clusters.mass,
         pairs: &pairs,

@@ -12,7 +12,7 @@ use crate::estimate::Estimate;
 use crate::surfels::SurfelCloud;
 
 /// Another one for each change of the estimate's mathematics, or of what it shares with the directional method (its epsilon, what is white).
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 #[derive(Serialize, Deserialize)]
 struct EstimateFile {

@@ -18,6 +18,8 @@ pub struct EstimateProblem<'a> {
     pub precision: &'a [f64],
     /// Coupling of two channels. `[3][3]`
     pub coupling: [[f64; 3]; 3],
+    /// Mean radiance of the light at strength 1, by channel.
+    pub tint: [f64; 3],
     /// Irradiance from surfels. `[c][3]`
     pub bounced: &'a [[f64; 3]],
     /// Shares of all, that sum to 1. `[c]`
@@ -41,7 +43,7 @@ impl EstimateProblem<'_> {
                 .iter()
                 .map(|b| b.iter().zip(&sky[c]).map(|(b, y)| b * y).sum::<f64>().exp())
                 .collect();
-            let mean = radiance.iter().sum::<f64>() / d as f64;
+            let mean = radiance.iter().sum::<f64>() / d as f64 / self.tint[c];
             for i in 0..n {
                 for j in 0..d {
                     direct[i][c] += f64::from(self.seen[i * d + j]) * radiance[j] / mean;

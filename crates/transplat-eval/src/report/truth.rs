@@ -18,7 +18,7 @@ use super::Measurement;
 use super::page::write;
 use super::tables::{LightEstimate, RoundTrip, TruthRow, csv, markdown};
 use super::unknown::Unknown;
-use super::variants::TruthVariant;
+use super::variants::{Approach, TruthVariant};
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::views::{TruthTarget, Views, light};
 use crate::metrics::ComparedImage;
@@ -83,8 +83,7 @@ pub fn run(of: &Comparison<'_>, how: Measurement<'_>, device: &Device) -> Result
             .with_context(|| format!("the object {}", object.name))?;
         let unknown = of.has_unknown_light.then(|| scene.unknown()).transpose()?;
         for variant in &variants {
-            let light = unknown.as_ref().and_then(|u| u.light(variant.source));
-            let prepared = scene.prepare(variant, light.as_ref())?;
+            let prepared = scene.prepare(variant, unknown.as_ref())?;
             rows.extend(scene.score(variant, prepared.as_ref(), device, &pictures)?);
             if let Some(prepared) = prepared.filter(|_| variant.is_whole_preset()) {
                 round_trips.push(scene.round_trip(variant, &prepared, device)?);
@@ -135,24 +134,24 @@ impl<'a> TruthSubject<'a> {
         of_method.context("a bake for each preset")
     }
 
-    /// Prepares from a light of the capture; from the one that is told where none is given.
     fn prepare(
         &self,
         variant: &TruthVariant,
-        light: Option<&Illumination>,
+        unknown: Option<&Unknown>,
     ) -> Result<Option<PreparedTransfer>> {
-        let Some(settings) = &variant.settings else {
-            return Ok(None);
-        };
-        let bake = self.bake(settings.method)?;
-        let light = light.unwrap_or(&self.source);
-        let prepared = PreparedTransfer::new(&self.cloud, bake, light, settings)?;
-        Ok(Some(prepared))
+        if let Approach::Known(settings) = &variant.approach {
+            let bake = self.bake(settings.method)?;
+            let prepared = PreparedTransfer::new(&self.cloud, bake, &self.source, settings)?;
+            return Ok(Some(prepared));
+        }
+        let bake = self.bake(Method::Directional)?;
+        let prepared = unknown.map(|u| u.prepare(&variant.approach, &self.cloud, bake));
+        Ok(prepared.transpose()?.flatten())
     }
 
     fn unknown(&self) -> Result<Unknown> {
         let bake = self.bake(Method::Directional)?;
-        Unknown::new(&self.object.name, &self.cloud, bake, &self.source)
+        Unknown::new(self.object, &self.cloud, bake, &self.source)
     }
 
     /// Relights by the light of the capture, which should return it.

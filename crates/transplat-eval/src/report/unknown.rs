@@ -1,5 +1,8 @@
 //! Accuracy of the estimated capture light.
 
+use std::f32::consts::PI;
+use std::sync::Arc;
+
 use anyhow::Result;
 use glam::Vec3;
 use transplat_core::bake::Bake;
@@ -13,21 +16,19 @@ use transplat_core::transfer::PreparedTransfer;
 use transplat_core::transfer::directional::DirectionalTransfer;
 
 use super::tables::LightEstimate;
-use super::variants::AssumedSource;
+use super::variants::Approach;
+use crate::ground_truth::TruthObject;
 use transplat_engine::environments::Environment;
 
-/// Stand-ins for an unknown capture light, compared with the true one.
+/// The estimate of an unknown capture light, compared with the true light.
 pub struct Unknown {
     estimated: Illumination,
-    even: Illumination,
-    /// Factors of the true light over the two stand-ins, by channel.
-    gains: [[f64; 3]; 2],
     pub estimate: LightEstimate,
 }
 
 impl Unknown {
     pub fn new(
-        object: &str,
+        object: &TruthObject,
         cloud: &SurfelCloud,
         bake: &Bake,
         light: &Illumination,
@@ -36,19 +37,14 @@ impl Unknown {
             anyhow::bail!("the light is estimated by a bake for preset best");
         };
         let estimate = estimate_light(cloud, directional, None, &no_progress)?;
-        let even = Illumination::even(MAX_DEGREE);
         let estimated = Environment::estimated(&estimate, cloud.up)?.illumination;
-        let irradiance = |light: &Illumination| irradiance(cloud, bake, light);
-        let truth = irradiance(light)?;
-        let compared = [&estimated, &even].map(|l| Ok(compare(cloud, &irradiance(l)?, &truth)));
-        let [of_estimate, of_even]: [Result<_>; 2] = compared;
-        let ((correlation, gain), (_, gain_of_even)) = (of_estimate?, of_even?);
+        let truth = irradiance(cloud, bake, light)?;
+        let (correlation, gain) = compare(cloud, &irradiance(cloud, bake, &estimated)?, &truth);
         Ok(Self {
             estimated,
-            even,
-            gains: [gain, gain_of_even],
             estimate: LightEstimate {
-                object: object.to_owned(),
+                object: object.name.clone(),
+                source: object.source.name.clone(),
                 confidence: estimate.confidence,
                 correlation,
                 angle: angle(&estimate, light),
@@ -57,28 +53,54 @@ impl Unknown {
         })
     }
 
-    /// The source light of a variant, where it is not the one that was told.
-    pub fn light(&self, source: AssumedSource) -> Option<Illumination> {
-        let (light, gain) = match source {
-            AssumedSource::Told => return None,
-            AssumedSource::Estimated | AssumedSource::EstimatedFitted => {
-                (&self.estimated, self.gains[0])
-            }
-            AssumedSource::Even | AssumedSource::EvenFitted => (&self.even, self.gains[1]),
+    /// Prepares a way that does not know the light of the capture; none where it does.
+    pub fn prepare(
+        &self,
+        approach: &Approach,
+        cloud: &SurfelCloud,
+        bake: &Bake,
+    ) -> Result<Option<PreparedTransfer>> {
+        let by = |light: &Illumination, settings| {
+            Ok(Some(PreparedTransfer::new(cloud, bake, light, settings)?))
         };
-        let gain = if source.is_fitted() { gain } else { [1.0; 3] };
-        Some(light.tinted(gain.map(|g| g as f32)))
+        match approach {
+            Approach::Nothing | Approach::Known(_) => Ok(None),
+            Approach::Estimated(settings) => by(&self.estimated, settings),
+            Approach::EstimateFitted(settings) => {
+                let gain = self.estimate.gain.map(|g| g as f32);
+                by(&self.estimated.tinted(gain), settings)
+            }
+            Approach::Albedo => albedo(cloud, bake).map(Some),
+        }
     }
+}
+
+/// Takes the captured mean colour for albedo: every surfel received the irradiance pi, so scattered what its albedo says.
+fn albedo(cloud: &SurfelCloud, bake: &Bake) -> Result<PreparedTransfer> {
+    let mut settings = TransferSettings::of(Method::Directional);
+    for term in ["lobe", "residual", "glow"] {
+        settings = settings.without(term)?;
+    }
+    let even = Illumination::even(MAX_DEGREE);
+    let mut prepared = directional(PreparedTransfer::new(cloud, bake, &even, &settings)?)?;
+    let received = PI * prepared.light_gain;
+    Arc::make_mut(&mut prepared)
+        .divisor
+        .fill([[received; 3]; 2]);
+    Ok(PreparedTransfer::Directional(prepared))
+}
+
+fn directional(prepared: PreparedTransfer) -> Result<Arc<DirectionalTransfer>> {
+    let PreparedTransfer::Directional(best) = prepared else {
+        anyhow::bail!("a transfer of preset best");
+    };
+    Ok(best)
 }
 
 /// Irradiance on the front of each surfel, in the light's own unit. `[n]`
 fn irradiance(cloud: &SurfelCloud, bake: &Bake, light: &Illumination) -> Result<Vec<[f64; 3]>> {
     let settings = TransferSettings::of(Method::Directional);
-    let prepared = PreparedTransfer::new(cloud, bake, light, &settings)?;
-    let PreparedTransfer::Directional(best) = prepared else {
-        anyhow::bail!("a transfer of preset best");
-    };
-    let best: &DirectionalTransfer = &best;
+    let best = directional(PreparedTransfer::new(cloud, bake, light, &settings)?)?;
     let over = 1.0 / f64::from(best.light_gain);
     let fronts = best.divisor.iter().map(|[front, _]| front);
     Ok(fronts.map(|e| e.map(|v| f64::from(v) * over)).collect())

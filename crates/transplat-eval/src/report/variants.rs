@@ -2,97 +2,96 @@
 
 use transplat_core::settings::{Method, Terms, TransferSettings};
 
-/// The capture as it is, or a method, with a term switched off or without being told the light of the capture.
+/// A way to relight that is compared with truth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TruthVariant {
-    pub settings: Option<TransferSettings>,
+    pub approach: Approach,
+    /// Term that is switched off.
     pub off: Option<&'static str>,
-    pub source: AssumedSource,
 }
 
-/// Capture light that a variant assumes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AssumedSource {
-    Told,
-    Estimated,
-    Even,
-    /// The estimate, each channel of it as strong as fits the told light best.
-    EstimatedFitted,
-    /// Even light, each channel of it as strong as fits the true light best.
-    EvenFitted,
-}
-
-impl AssumedSource {
-    const NOT_TOLD: [Self; 4] = [
-        Self::Estimated,
-        Self::Even,
-        Self::EstimatedFitted,
-        Self::EvenFitted,
-    ];
-
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Told => "told",
-            Self::Estimated => "estimated",
-            Self::Even => "even",
-            Self::EstimatedFitted => "estimated, gain fitted",
-            Self::EvenFitted => "even, gain fitted",
-        }
-    }
-
-    pub fn is_fitted(self) -> bool {
-        matches!(self, Self::EstimatedFitted | Self::EvenFitted)
-    }
+/// A method with the light that it takes for the capture's.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Approach {
+    /// The capture as it is.
+    Nothing,
+    /// A path tracer that takes the captured colour for albedo. It knows shadows, bounced light and no light of the capture.
+    Albedo,
+    /// A method, by the true capture light.
+    Known(TransferSettings),
+    /// The default method, by the estimated capture light.
+    Estimated(TransferSettings),
+    /// The default method, by the estimate with each channel as strong as fits the true capture light best.
+    EstimateFitted(TransferSettings),
 }
 
 impl TruthVariant {
-    /// The methods; unless that is enough, also without each of their terms; and the default without being told the light of the capture.
+    fn of(approach: Approach) -> Self {
+        Self {
+            approach,
+            off: None,
+        }
+    }
+
+    /// The methods; unless that is enough, also without each of their terms; and those that do not know the light of the capture.
     pub fn all(quick: bool, unknown_light: bool) -> Vec<Self> {
-        let of = |settings, off, source| Self {
-            settings,
-            off,
-            source,
-        };
         let mut all = Vec::new();
         for method in Method::ALL {
             let whole = TransferSettings::of(method);
-            all.push(of(Some(whole.clone()), None, AssumedSource::Told));
+            all.push(Self::of(Approach::Known(whole.clone())));
             for term in Terms::of_method(method).filter(|_| !quick) {
-                let without = whole.clone().without(term.name).ok();
-                all.push(of(without, Some(term.name), AssumedSource::Told));
+                let without = whole.clone().without(term.name);
+                all.extend(without.ok().map(|settings| Self {
+                    off: Some(term.name),
+                    ..Self::of(Approach::Known(settings))
+                }));
             }
         }
-        for source in AssumedSource::NOT_TOLD
-            .into_iter()
-            .filter(|_| unknown_light)
-        {
-            all.push(of(Some(TransferSettings::default()), None, source));
+        if unknown_light {
+            let settings = TransferSettings::default;
+            all.push(Self::of(Approach::Estimated(settings())));
+            all.push(Self::of(Approach::EstimateFitted(settings())));
+            all.push(Self::of(Approach::Albedo));
         }
-        all.push(of(None, None, AssumedSource::Told));
+        all.push(Self::of(Approach::Nothing));
         all
     }
 
     pub fn method(&self) -> &'static str {
-        self.settings
-            .as_ref()
-            .map_or("nothing", |s| s.method.preset())
+        match &self.approach {
+            Approach::Nothing => "nothing",
+            Approach::Albedo => "albedo",
+            Approach::Known(settings)
+            | Approach::Estimated(settings)
+            | Approach::EstimateFitted(settings) => settings.method.preset(),
+        }
+    }
+
+    /// The light that it takes for the capture's.
+    pub fn source_light(&self) -> &'static str {
+        match &self.approach {
+            Approach::Nothing | Approach::Known(_) => "told",
+            Approach::Albedo => "unknown",
+            Approach::Estimated(_) => "estimated",
+            Approach::EstimateFitted(_) => "estimated, gain fitted",
+        }
     }
 
     pub fn name(&self) -> String {
-        match (self.off, self.source) {
-            (None, AssumedSource::Told) => self.method().to_owned(),
-            (None, source) => format!("{}, light {}", self.method(), source.name()),
+        match (self.off, &self.approach) {
+            (None, Approach::Nothing | Approach::Known(_)) => self.method().to_owned(),
+            (None, _) => format!("{}, light {}", self.method(), self.source_light()),
             (Some(off), _) => format!("{} without {off}", self.method()),
         }
     }
 
-    /// True for a method with all its terms.
+    /// True for a method with all its terms and the true capture light.
     pub fn is_whole_preset(&self) -> bool {
-        self.settings.is_some() && self.off.is_none() && self.source == AssumedSource::Told
+        matches!(self.approach, Approach::Known(_)) && self.off.is_none()
     }
 
-    /// True for the program's defaults.
+    /// True for the program's defaults with the true capture light.
     pub fn is_default(&self) -> bool {
-        self.settings == Some(TransferSettings::default()) && self.source == AssumedSource::Told
+        self.approach == Approach::Known(TransferSettings::default())
     }
 }

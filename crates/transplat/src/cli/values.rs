@@ -48,6 +48,22 @@ pub(super) fn parse_finite(text: &str) -> Result<f64, String> {
     parsed(text, |v: &f64| v.abs() < 1e6, "a number")
 }
 
+/// Rotation of a light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rotation {
+    /// In degrees about the up axis.
+    Degrees(f64),
+    /// To where it explains the capture best.
+    Fit,
+}
+
+pub(super) fn parse_rotation(text: &str) -> Result<Rotation, String> {
+    match text {
+        "fit" => Ok(Rotation::Fit),
+        _ => parse_finite(text).map(Rotation::Degrees),
+    }
+}
+
 pub(super) fn parse_gain(text: &str) -> Result<f64, String> {
     parsed(
         text,

@@ -22,7 +22,7 @@ use transplat_core::surfels::{UpAxis, is_faint};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::settings::targets_of;
-use crate::cli::LightArgs;
+use crate::cli::{LightArgs, Rotation};
 use crate::summary::{Summary, progress_bar};
 use transplat_engine::device::{Device, DeviceChoice, Transfer};
 use transplat_engine::environments::{Environment, not_environments};
@@ -153,6 +153,9 @@ impl Headless {
         for path in &sources {
             self.read_light(path, summary)?;
         }
+        if args.capture.rotate_source == Some(Rotation::Fit) {
+            self.align_source(summary)?;
+        }
         let (mut targets, mut failed) = (Vec::new(), Vec::new());
         for (name, path) in targets_of(args, &self.shots.project.scene)? {
             match self.read_light(&path, summary) {
@@ -180,6 +183,27 @@ impl Headless {
             }
         }
         Ok(targets)
+    }
+
+    /// Rotates the first object's capture light to where it explains the shading best.
+    fn align_source(&mut self, summary: &mut Summary) -> Result<()> {
+        let requested = &mut self.shots.project.requested;
+        (requested.bakes, requested.lights, requested.alignment) = (true, true, true);
+        self.settle(summary)?;
+        if !self.shots.project.align_source(0) {
+            bail!(
+                "--rotate-source fit: the splat does not show how its light is rotated; it takes preset best and the panorama of the capture as --source"
+            );
+        }
+        let source = &self.shots.project.scene.objects[0].source;
+        summary.set("source_rotation", source.rotation);
+        summary.set("source_mirrored", source.mirror);
+        let mirrored = if source.mirror { ", mirrored" } else { "" };
+        summary.note(format!(
+            "the capture light fits best rotated by {:.0} degrees{mirrored}",
+            source.rotation
+        ));
+        Ok(())
     }
 
     /// Reads a light's file, where it is one that was not read yet.

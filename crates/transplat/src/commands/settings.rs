@@ -10,7 +10,7 @@ use transplat_core::response::ResponseCurve;
 use transplat_core::scene::{EVEN, EnvironmentLight, Scene, moved_lights};
 use transplat_core::settings::optimizations::Optimizations;
 
-use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
+use crate::cli::{AssetArgs, AssetOptions, LightArgs, Rotation, usage};
 use transplat_engine::environments::environments_in;
 use transplat_engine::names::{beside, name_of};
 
@@ -156,10 +156,9 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
             ..EnvironmentLight::of(EVEN)
         };
     }
-    put(
-        &mut scene.objects[0].source.rotation,
-        light.capture.rotate_source,
-    );
+    if let Some(Rotation::Degrees(degrees)) = light.capture.rotate_source {
+        scene.objects[0].source.rotation = degrees;
+    }
     let source = &mut scene.objects[0].source;
     source.trust = light
         .capture

@@ -1,18 +1,19 @@
 //! Stage *estimate*: the capture light from the object, once a splat, and again when its outside is set or the rest of its capture is hidden or shown.
+//! A user-set panorama is compared with the object instead.
 
 use std::sync::Arc;
 
-use anyhow::Context as _;
-use transplat_core::estimate::estimate_light;
+use transplat_core::estimate::{Advice, Alignment, align_light, estimate_light};
 use transplat_core::files::is_same_file;
-use transplat_core::scene::Object;
+use transplat_core::scene::{EnvironmentLight, Object, wrap};
 use transplat_core::settings::Method;
+use transplat_core::surfels::UpAxis;
 
 use crate::environments::Environment;
 use crate::estimate::{make_and_keep, why_not};
 use crate::jobs::{Handle, Kind, Work};
 use crate::language::{tr, tr_format, tr_later};
-use crate::object::ObjectState;
+use crate::object::{AlignmentKey, ObjectState};
 use crate::project::{Project, Remedy};
 use crate::words::of_error;
 
@@ -101,18 +102,12 @@ impl Project {
         let is_kept = self.canvas.is_some();
         let work = move |handle: &Handle<_>| {
             let report = |done| handle.progress(done);
-            let mut bake = own;
-            if let Some(part) = &asset.part {
-                if let Some(shown) = part.enclosing_light.as_ref().filter(|_| is_isolated) {
-                    return Ok(estimate_light(&asset.cloud, &bake, Some(shown), &report)?);
-                }
-                // All of the splat tells of the light.
-                bake = (part.capture.known_bake()).context(tr("the capture is not baked"))?;
-            }
-            let whole = asset.whole_cloud();
-            Ok(match is_kept {
-                true => make_and_keep(&place, whole, &bake, &report)?,
-                false => estimate_light(whole, &bake, None, &report)?,
+            let (cloud, bake) = asset.under_capture_light(own, is_isolated)?;
+            let part = asset.part.as_ref().filter(|_| is_isolated);
+            let shown = part.and_then(|part| part.enclosing_light.as_deref());
+            Ok(match is_kept && shown.is_none() {
+                true => make_and_keep(&place, cloud, &bake, &report)?,
+                false => estimate_light(cloud, &bake, shown, &report)?,
             })
         };
         self.start(kind, label, work, move |project, estimate| {
@@ -202,5 +197,120 @@ impl Project {
             }
             Err(error) => self.error(of_error(&error)),
         }
+    }
+
+    /// All that an alignment depends on; none where the capture light is no panorama, or the bake is not complete.
+    fn alignment_key(&self, at: usize) -> Option<AlignmentKey> {
+        let [(settings, resolved), _] = self.sides_of(at);
+        let is_asked = self.requested.lights && self.requested.alignment && self.is_used(at);
+        let is_there = resolved.light.is_file() && resolved.settings.file == settings.file;
+        if !is_asked || !is_there || !self.is_baked_as_set(at, Method::Directional) {
+            return None;
+        }
+        let state = &self.states[at];
+        state.whole_directional_bake()?;
+        Some(AlignmentKey {
+            light: resolved.light.id,
+            // None of these changes what the light is like.
+            settings: EnvironmentLight {
+                rotation: 0.0,
+                mirror: false,
+                strength: 0.0,
+                tint: [1.0; 3],
+                trust: None,
+                ..settings.clone()
+            },
+            bake: state.bakes.get(&Method::Directional)?.version(),
+            up: self.up_of(at),
+            is_isolated: self.is_isolated(at),
+        })
+    }
+
+    /// Errors of a user-set capture light at every rotation; none before they are known.
+    pub fn alignment(&self, at: usize) -> Option<&Alignment> {
+        let made = self.states[at].alignment.of(&self.alignment_key(at)?);
+        made.and_then(Option::as_ref)
+    }
+
+    /// Compares a user-set capture light with the object, once it is prepared: that comes first.
+    pub(crate) fn update_alignment(&mut self, at: usize) {
+        let is_next = self.canvas.is_none() || self.is_prepared(at);
+        let Some(key) = self.alignment_key(at).filter(|_| is_next) else {
+            return;
+        };
+        let (up, is_isolated) = (key.up, key.is_isolated);
+        let id = self.states[at].id;
+        let kind = Kind::Of(id, Work::Align);
+        let Some((asset, own)) = self.states[at]
+            .asset
+            .clone()
+            .zip(self.states[at].whole_directional_bake())
+        else {
+            return;
+        };
+        if self.jobs.is_running(kind) || !self.states[at].alignment.ask(&key) {
+            return;
+        }
+        let [(_, resolved), _] = self.sides_of(at);
+        let lights = [false, true].map(|mirror| {
+            let settings = EnvironmentLight {
+                mirror,
+                ..key.settings.clone()
+            };
+            settings.orient(&resolved.light.illumination, UpAxis::PlusZ)
+        });
+        let label = tr_format!("comparing the capture light with {}", asset.name());
+        let work = move |handle: &Handle<_>| {
+            let report = |done| handle.progress(done);
+            let (cloud, bake) = asset.under_capture_light(own, is_isolated)?;
+            let [light, mirrored] = &lights;
+            let lights = [light.for_directional()?.1, mirrored.for_directional()?.1];
+            Ok(align_light(cloud, &bake, up, lights, &report)?)
+        };
+        self.start(kind, label, work, move |project, alignment| {
+            let Some(at) = project.at(id) else {
+                return;
+            };
+            if project.states[at].alignment.accept(key, alignment) {
+                project.advise(at);
+            }
+        });
+    }
+
+    /// Leaves a message where the capture light contradicts the object.
+    fn advise(&mut self, at: usize) {
+        let source = &self.scene.objects[at].source;
+        let (rotation, mirror) = (source.rotation, source.mirror);
+        let Some(alignment) = self.alignment(at) else {
+            return;
+        };
+        let name = self.called(at);
+        match alignment.advice(rotation, mirror) {
+            Advice::Keep => {}
+            Advice::Rotate(..) => {
+                let text = tr_format!(
+                    "The capture light contradicts the shading of {} at this rotation.",
+                    name
+                );
+                self.offer(text, at, Remedy::Align);
+            }
+            Advice::Replace => self.info(tr_format!(
+                "The capture light fits the shading of {} at no rotation. Is it of another place or time?",
+                name
+            )),
+        }
+    }
+
+    /// Rotates a user-set capture light to where it explains the shading best, and mirrors it where that is clearly better. False where that is
+    /// not known.
+    pub fn align_source(&mut self, at: usize) -> bool {
+        let mirror = self.scene.objects[at].source.mirror;
+        let Some((rotation, mirror)) = self.alignment(at).map(|a| a.best(mirror)) else {
+            return false;
+        };
+        let source = &mut self.scene.objects[at].source;
+        source.rotation = wrap(rotation);
+        source.mirror = mirror;
+        true
     }
 }

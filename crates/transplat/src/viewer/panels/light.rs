@@ -2,6 +2,7 @@
 
 use eframe::egui::{self, Button, Role, Ui};
 use transplat_core::environment::{ImageReading, Layout, PlaceAndTime, Sun, TURBIDITIES};
+use transplat_core::estimate::Advice;
 use transplat_core::response::{CameraResponse, ResponseCurve};
 use transplat_core::scene::{EVEN, EnvironmentLight, SKY, is_even};
 use transplat_core::surfels::UpAxis;
@@ -122,6 +123,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     });
     if side == SOURCE {
         by_click(ui, &mut viewer.viewport.placing);
+        by_shading(ui, session);
         trust(
             ui,
             &mut session.object_mut().source,
@@ -148,6 +150,27 @@ fn by_click(ui: &mut Ui, placing: &mut Option<Placing>) {
             ),
         ];
         choose_way(ui, placing, &ways);
+    });
+}
+
+/// Rotates a user-set capture light to where it explains the shading of the object.
+fn by_shading(ui: &mut Ui, session: &mut Session) {
+    let at = session.selected;
+    let Some(alignment) = session.project.alignment(at) else {
+        return;
+    };
+    let source = &session.object().source;
+    let text = match alignment.advice(source.rotation, source.mirror) {
+        Advice::Keep => tr("Fits the shading."),
+        Advice::Rotate(..) => tr("Contradicts the shading."),
+        Advice::Replace => tr("Fits at no rotation."),
+    };
+    let tip = tr("Rotates the light to where it explains the shading of the object best.");
+    ui.horizontal_wrapped(|ui| {
+        if button(ui, tr("Rotate to fit"), tip) {
+            session.project.align_source(at);
+        }
+        ui.weak(text);
     });
 }
 
