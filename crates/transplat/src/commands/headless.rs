@@ -532,6 +532,7 @@ fn stage_of(kind: Kind) -> &'static str {
         Kind::Of(_, Work::Load) => "load",
         Kind::Of(_, Work::Bake(_)) => "bake",
         Kind::Of(_, Work::Estimate) => "estimate",
+        Kind::Of(_, Work::Align) => "align",
         Kind::Surroundings | Kind::Insertion => "surroundings",
         Kind::Ground => "ground",
         _ => "prepare",
