@@ -5,6 +5,7 @@
 //! one beforehand: what the object does not tell stays even, and a little brighter above. Its strength follows from the whitest
 //! surfaces, which are taken to be as white as things are, and from the light that bounces between surfaces. Its mean is taken to be grey.
 
+mod alignment;
 mod clusters;
 mod expected;
 mod fit;
@@ -13,7 +14,6 @@ mod strength;
 mod sun;
 #[cfg(test)]
 mod tests;
-mod turn;
 mod white;
 
 use glam::Vec3;
@@ -29,9 +29,9 @@ use crate::progress::{Progress, part};
 use crate::sh::{MAX_DEGREE, SQRT_4PI, evaluate_sh};
 use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::directional::mean_radiance;
+pub use alignment::{Advice, Alignment, align_light};
 use clusters::{Clusters, FEWEST_CLUSTERS, NEIGHBORS};
 use expected::ExpectedLight;
-pub use turn::{Advice, Alignment, align_light};
 
 use fit::{Explained, Fit, Fitted, FittedLight, Unit};
 pub use sky::DEGREE;

@@ -230,7 +230,7 @@ pub type BakeKey = (usize, bool);
 pub struct AlignmentKey {
     /// Environment of the capture light.
     pub light: u64,
-    /// Its settings, at rotation 0.
+    /// Its settings, without those that leave its shape as it is: rotation, mirror, strength, tint and trust.
     pub settings: EnvironmentLight,
     /// Version of the bake.
     pub bake: u64,

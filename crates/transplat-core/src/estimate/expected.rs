@@ -1,7 +1,5 @@
 //! The light that is expected before the object is asked: brighter above, or as the rest of a capture shows it.
 
-use std::f64::consts::PI;
-
 use glam::Vec3;
 
 use super::sky::{SKY, nearest_direction, sky_basis};
@@ -82,10 +80,11 @@ impl ExpectedLight {
                 add(j, sun.energy, share / all);
             }
         }
-        let omega = 4.0 * PI / DIRECTIONS as f64;
+        // The unit of a panorama is nobody's.
         let log = |c: usize| {
-            let each = energies.iter().map(move |e| (e[c] / omega).max(1e-6).ln());
-            each.collect()
+            let mean = energies.iter().map(|e| e[c]).sum::<f64>() / DIRECTIONS as f64;
+            let over_mean = |e: &[f64; 3]| (e[c] / mean.max(f64::MIN_POSITIVE)).max(1e-6);
+            energies.iter().map(|e| over_mean(e).ln()).collect()
         };
         Self {
             log_radiance: std::array::from_fn(log),

@@ -109,7 +109,7 @@ pub(super) struct Explained {
     radiance: [Vec<f64>; 3],
     /// Irradiance by the light at strength 1. `[c]`
     direct: Vec<[f64; 3]>,
-    /// Divisor of the light's radiance that makes its strength 1 in each channel: its mean, unless its unit is known.
+    /// Divisor of the light's radiance that makes its strength 1 in each channel: as [`Unit`] has it.
     pub mean_radiance: [f64; 3],
     /// Strength of the light, in the unit of the pictures: given, or such that the whitest albedo is plausible.
     pub strength: f64,

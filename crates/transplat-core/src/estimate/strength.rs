@@ -100,7 +100,7 @@ fn uncertainty(fit: &Fit<'_>, noise: f64, least: f64, reference: f64) -> f64 {
     (least.powi(2) + of_noise.powi(2)) / opaque(fit).powi(2)
 }
 
-/// Share of the evidence of bounced light that is left by leaves, 0 to 1.
+/// Share of the evidence of bounced light that counts beside surfels that pass light on, 0 to 1.
 fn opaque(fit: &Fit<'_>) -> f64 {
     (1.0 - fit.clusters.two_sided / LEAVES).max(1e-3)
 }

@@ -153,9 +153,6 @@ impl Headless {
         for path in &sources {
             self.read_light(path, summary)?;
         }
-        if args.capture.rotate_source == Some(Rotation::Fit) {
-            self.align_source(summary)?;
-        }
         let (mut targets, mut failed) = (Vec::new(), Vec::new());
         for (name, path) in targets_of(args, &self.shots.project.scene)? {
             match self.read_light(&path, summary) {
@@ -167,6 +164,9 @@ impl Headless {
         }
         if let (true, Some(why)) = (targets.is_empty(), failed.first()) {
             bail!("no light in the folder can be read; the first: {why}");
+        }
+        if args.capture.rotate_source == Some(Rotation::Fit) {
+            self.align_source(summary)?;
         }
         // The first one last: it is what the scene is lit by then.
         let estimates = targets.iter().skip(1).filter(|t| is_estimate(&t.path));
@@ -192,7 +192,7 @@ impl Headless {
         self.settle(summary)?;
         if !self.shots.project.align_source(0) {
             bail!(
-                "--rotate-source fit: the splat does not show how its light is rotated; it takes preset best and the panorama of the capture as --source"
+                "--rotate-source fit takes preset best, and as --source a panorama of the capture that explains the shading of the splat at some rotation"
             );
         }
         let source = &self.shots.project.scene.objects[0].source;

@@ -281,7 +281,10 @@ impl Project {
     fn advise(&mut self, at: usize) {
         let source = &self.scene.objects[at].source;
         let (rotation, mirror) = (source.rotation, source.mirror);
-        let Some(alignment) = self.alignment(at) else {
+        // What one says, its double says again.
+        let path = self.states[at].path();
+        let is_twin = |other: usize| self.states[other].path() == path;
+        let Some(alignment) = self.alignment(at).filter(|_| !(0..at).any(is_twin)) else {
             return;
         };
         let name = self.called(at);
@@ -301,13 +304,15 @@ impl Project {
         }
     }
 
-    /// Rotates a user-set capture light to where it explains the shading best, and mirrors it where that is clearly better. False where that is
-    /// not known.
+    /// Rotates a user-set capture light to where it explains the shading best, and mirrors it where that is clearly better. False where no
+    /// rotation explains it, or none is known.
     pub fn align_source(&mut self, at: usize) -> bool {
-        let mirror = self.scene.objects[at].source.mirror;
-        let Some((rotation, mirror)) = self.alignment(at).map(|a| a.best(mirror)) else {
+        let source = &self.scene.objects[at].source;
+        let fits = |a: &&Alignment| a.advice(source.rotation, source.mirror) != Advice::Replace;
+        let Some(alignment) = self.alignment(at).filter(fits) else {
             return false;
         };
+        let (rotation, mirror) = alignment.best(source.mirror);
         let source = &mut self.scene.objects[at].source;
         source.rotation = wrap(rotation);
         source.mirror = mirror;

@@ -160,14 +160,17 @@ fn by_shading(ui: &mut Ui, session: &mut Session) {
         return;
     };
     let source = &session.object().source;
-    let text = match alignment.advice(source.rotation, source.mirror) {
+    let advice = alignment.advice(source.rotation, source.mirror);
+    let text = match advice {
         Advice::Keep => tr("Fits the shading."),
         Advice::Rotate(..) => tr("Contradicts the shading."),
         Advice::Replace => tr("Fits at no rotation."),
     };
-    let tip = tr("Rotates the light to where it explains the shading of the object best.");
+    let tip = tr(
+        "Rotates the light to where it explains the shading of the object best, and mirrors it where that explains far more.",
+    );
     ui.horizontal_wrapped(|ui| {
-        if button(ui, tr("Rotate to fit"), tip) {
+        if advice != Advice::Replace && button(ui, tr("Rotate to fit"), tip) {
             session.project.align_source(at);
         }
         ui.weak(text);

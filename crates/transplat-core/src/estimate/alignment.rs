@@ -45,7 +45,7 @@ pub enum Advice {
     Keep,
     /// It explains the shading clearly better at another rotation, in degrees about the up axis, and mirrored or not.
     Rotate(f64, bool),
-    /// It explains the shading no better than even light does, at any rotation.
+    /// It explains the shading no better than even light does at any rotation, and clearly worse at some.
     Replace,
 }
 
@@ -113,7 +113,8 @@ impl Alignment {
         wrap(STEP * (k as f64 + aside))
     }
 
-    /// Rotation at which the light explains most, in degrees, and whether mirrored; `is_mirrored`: whether it is now, and stays in doubt.
+    /// Rotation at which the light explains most, in degrees, and whether mirrored; `is_mirrored`: whether it is now, and stays where the errors
+    /// are alike.
     pub fn best(&self, is_mirrored: bool) -> (f64, bool) {
         let [own, other] = [is_mirrored, !is_mirrored].map(|m| {
             let rotation = self.least(m);
@@ -131,8 +132,13 @@ impl Alignment {
     pub fn advice(&self, rotation: f64, is_mirrored: bool) -> Advice {
         let (best, mirrored) = self.best(is_mirrored);
         let least = self.error(best, mirrored);
+        let worst = self.errors.iter().flatten().copied().fold(0.0, f64::max);
         if least > NO_BETTER_THAN_EVEN * self.even {
-            Advice::Replace
+            // Where noise or an even light leave all rotations alike, nothing is known.
+            match worst > CLEARLY_WORSE * self.even {
+                true => Advice::Replace,
+                false => Advice::Keep,
+            }
         } else if self.error(rotation, is_mirrored) > CLEARLY_WORSE * least
             && (mirrored != is_mirrored || wrap(best - rotation).abs() >= STEP)
         {
