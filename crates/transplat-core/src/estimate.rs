@@ -32,7 +32,6 @@ use crate::transfer::directional::mean_radiance;
 pub use alignment::{Advice, Alignment, align_light};
 use clusters::{Clusters, FEWEST_CLUSTERS, NEIGHBORS};
 use expected::ExpectedLight;
-
 use fit::{Explained, Fit, Fitted, FittedLight, Unit};
 pub use sky::DEGREE;
 

@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use super::named::choose_side;
 use eframe::egui;
-use eframe::egui::accesskit::Role;
 use egui_kittest::kittest::Queryable;
 use glam::{DMat3, DQuat, DVec3};
 use transplat::viewer::Task;
@@ -64,11 +64,7 @@ fn a_capture_light_that_contradicts_the_object_is_rotated_by_a_click() {
     let mut d = Driver::bundled();
     let rotation = |d: &mut Driver| d.viewer().session.object().source.rotation;
     d.click("Light");
-    let page = d
-        .harness
-        .get_by_role_and_label(Role::Button, "Capture light");
-    page.click();
-    d.settle();
+    choose_side(&mut d, "Capture light");
     d.harness.get_by_label("Fits the shading.");
     d.after(|v| v.session.object_mut().source.rotation = 140.0);
     d.harness.get_by_label("Contradicts the shading.");

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::named::choose_side;
 use eframe::egui::{self, Event, Modifiers, PointerButton, Pos2, Rect, accesskit::Role};
 use egui_kittest::kittest::Queryable;
 use glam::DVec3;
@@ -533,11 +534,7 @@ fn what_is_clicked_as_white_is_white_under_the_capture_light() {
         (source.strength, source.tint) = (1.0, [1.0, 0.6, 0.4]);
     });
     d.click("Light");
-    let page = d
-        .harness
-        .get_by_role_and_label(Role::Button, "Capture light");
-    page.click();
-    d.settle();
+    choose_side(&mut d, "Capture light");
     // Light that bounces from the rest is not the light's: the second click comes nearer.
     let mut surfel = 0;
     for _ in 0..2 {

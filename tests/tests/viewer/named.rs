@@ -45,7 +45,7 @@ fn check(d: &Driver, place: &str) {
 }
 
 /// Has the panel Light be about a side; the slot below is called so, too.
-fn choose_side(d: &mut Driver, name: &str) {
+pub fn choose_side(d: &mut Driver, name: &str) {
     let button = d.harness.get_by_role_and_label(Role::Button, name);
     button.scroll_to_me();
     d.settle();

@@ -428,7 +428,7 @@ fn samples(sky: impl Fn(Vec3) -> [f32; 3] + Sync) -> LightSamples {
     }))
 }
 
-/// How an object lit by `lobes` is aligned with a light, as it is and mirrored.
+/// Alignment of an object lit by `lobes` with a light, as it is and mirrored.
 fn aligned(lights: [LightSamples; 2]) -> Alignment {
     let (cloud, bake) = lit(3000, lobes, None);
     let [light, mirrored] = &lights;

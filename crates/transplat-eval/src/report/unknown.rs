@@ -53,7 +53,7 @@ impl Unknown {
         })
     }
 
-    /// Prepares a way that does not know the light of the capture; none where it does.
+    /// Prepares an approach that does not know the light of the capture; none where it does.
     pub fn prepare(
         &self,
         approach: &Approach,
