@@ -7,6 +7,7 @@
 
 mod alignment;
 mod clusters;
+mod completion;
 mod expected;
 mod fit;
 mod sky;
@@ -16,7 +17,7 @@ mod sun;
 mod tests;
 mod white;
 
-use glam::Vec3;
+use glam::{DMat3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +32,8 @@ use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::directional::mean_radiance;
 pub use alignment::{Advice, Alignment, align_light};
 use clusters::{Clusters, FEWEST_CLUSTERS, NEIGHBORS};
+pub use completion::CompletedMap;
+use completion::draw_sun;
 use expected::ExpectedLight;
 use fit::{Explained, Fit, Fitted, FittedLight, Unit};
 pub use sky::DEGREE;
@@ -45,6 +48,9 @@ const GROWING: [f32; 2] = [0.5, 0.95];
 
 /// Share of the uncertainty that is left where the rest of the capture shows some of the light.
 const SHOWN_UNCERTAINTY: f64 = 0.5;
+
+/// Logarithms by which uncertain light is brighter than expected, among which a fit starts.
+const STARTS: [f64; 6] = [-1.0, 0.0, 1.0, 2.0, 4.0, 6.0];
 
 /// Confidence from which on an estimate says where up is.
 const CERTAIN: f32 = 0.6;
@@ -62,9 +68,6 @@ const LOW_LIGHT: f32 = 0.2;
 
 /// Rows of the estimate's map.
 const MAP_ROWS: usize = 256;
-
-/// Radius of the disc that stands for a sun in the map, in degrees: three pixels.
-const DRAWN_SUN: f64 = 2.0;
 
 /// Neighbours that a noisy cluster is compared with, where [`NEIGHBORS`] differ by [`NOISY`] or more under any light: so many, or that share
 /// of all.
@@ -206,6 +209,17 @@ pub fn estimate_light(
     shown: Option<&CaptureEnvironment>,
     progress: Progress<'_>,
 ) -> Result<Estimate> {
+    let (estimate, _) = estimate_with_strength(cloud, bake, shown, progress)?;
+    Ok(estimate)
+}
+
+/// Estimate, and the factor that a shown light of no unit was brought to the photographs' by.
+fn estimate_with_strength(
+    cloud: &SurfelCloud,
+    bake: &DirectionalBake,
+    shown: Option<&CaptureEnvironment>,
+    progress: Progress<'_>,
+) -> Result<(Estimate, f64)> {
     let radiance = mean_radiance(cloud, &bake.normals);
     let clusters = Clusters::new(cloud, bake, &radiance);
     let expected = match shown {
@@ -220,11 +234,12 @@ pub fn estimate_light(
             true => Obstacle::Black,
             false => Obstacle::TooLittle,
         };
-        return Ok(shown.map_or_else(|| Estimate::none(obstacle), Estimate::shown));
+        let estimate = shown.map_or_else(|| Estimate::none(obstacle), Estimate::shown);
+        return Ok((estimate, 1.0));
     }
     let sky_of = |fit: &Fit<'_>| {
         let step = part(progress, GATHERED, SKY_FITTED);
-        fit.run(FittedLight::even(), &step)
+        fit.run(start(fit), &step)
     };
     let mut sky = sky_of(&near)?;
     let mut far = None;
@@ -246,9 +261,9 @@ pub fn estimate_light(
         None => fit.explain(&FittedLight::even()),
     };
     let step = part(progress, SUN_FITTED, STRENGTH_FITTED);
-    let strength = match shown {
-        Some(_) => 1.0,
-        None => strength::find(&mut near, &light, explained.strength, &step)?,
+    let strength = match expected.has_unit {
+        true => 1.0,
+        false => strength::find(&mut near, &light, explained.strength, &step)?,
     };
     let mut fit = far.unwrap_or(near);
     fit.strength = Some(strength);
@@ -257,10 +272,56 @@ pub fn estimate_light(
         fit.unit = Unit::Mean(strength::tint(&mut fit, &light, &step)?);
     }
     let mut fitted = fit.run(light, &part(progress, TINT_FITTED, 1.0))?;
-    if shown.is_some() {
+    if shown.is_some_and(|shown| shown.uncertainty > 0.0) {
         fit.balance_strength_and_tint(&mut fitted);
     }
-    Ok(judge(&clusters, &even, fitted, shown))
+    let strength = fitted.explained.strength;
+    Ok((judge(&clusters, &even, fitted, shown), strength))
+}
+
+/// Light where a fit starts: what is uncertain of a shown light may be much brighter, and too far for small steps.
+fn start(fit: &Fit<'_>) -> FittedLight {
+    let starts = STARTS.into_iter().map(FittedLight::constant);
+    let lights: Vec<FittedLight> = match fit.expected.is_shown {
+        true => starts.collect(),
+        false => vec![FittedLight::even()],
+    };
+    let noise = |light: &FittedLight| fit.misfit(&fit.explain(light));
+    let by_noise = |a: &FittedLight, b: &FittedLight| noise(a).total_cmp(&noise(b));
+    let best = lights.into_iter().min_by(by_noise);
+    best.unwrap_or_else(FittedLight::even)
+}
+
+/// Completes a panorama that `cloud` was captured under; `bake` is the cloud's for the directional method.
+///
+/// `unit`: factors that bring the map to the unit of the cloud's colours, by channel; none where nobody knows them, as of photographs. The map's
+/// exposure then follows from the shading, too. `to_asset` rotates the map's directions to the cloud's coordinates.
+///
+/// # Errors
+/// [`crate::error::Error::Cancelled`] when `progress` asked for it.
+pub fn complete_light(
+    cloud: &SurfelCloud,
+    bake: &DirectionalBake,
+    map: &EnvironmentMap,
+    unit: Option<[f32; 3]>,
+    to_asset: DMat3,
+    progress: Progress<'_>,
+) -> Result<CompletedMap> {
+    let white = completion::white_of(map);
+    let shown = CaptureEnvironment::of_panorama(map, white, to_asset, unit.is_some());
+    let shown = shown.tinted(unit.unwrap_or([1.0; 3]));
+    let (found, strength) = estimate_with_strength(cloud, bake, Some(&shown), progress)?;
+    let exposure = if shown.has_unit { 1.0 } else { strength as f32 };
+    let unit = unit.unwrap_or([1.0; 3]);
+    let light = &found.light;
+    let sun = light.sun.map(|(toward, energy)| {
+        let energy = std::array::from_fn(|c| energy[c] / unit[c].max(f32::MIN_POSITIVE));
+        (Vec3::from_array(toward), energy)
+    });
+    let log = |d| light.log(d);
+    Ok(completion::completed(
+        map, white, &log, sun, exposure, to_asset,
+    ))
 }
 
 fn judge(
@@ -356,14 +417,18 @@ impl EstimatedLight {
         sky.chain(sun).sum::<Vec3>().normalize_or_zero()
     }
 
+    /// Logarithm of the radiance of the sky, or of its ratio to what is shown.
+    fn log(&self, d: Vec3) -> [f32; 3] {
+        evaluate_sh(&self.log_radiance, DEGREE, d.to_array())
+    }
+
     /// Radiance of the sky, without the sun.
     pub fn sky_radiance(&self, d: Vec3) -> [f32; 3] {
-        let log = evaluate_sh(&self.log_radiance, DEGREE, d.to_array());
-        let Some(shown) = &self.shown else {
-            return log.map(f32::exp);
-        };
-        let (radiance, uncertainty) = shown.toward(d);
-        std::array::from_fn(|c| radiance[c] * (uncertainty * log[c]).exp())
+        let log = self.log(d);
+        match &self.shown {
+            None => log.map(f32::exp),
+            Some(shown) => shown.toward(d).changed(log, shown.uncertainty),
+        }
     }
 
     /// As a map that any program can open, upright for an asset with that up axis. The sun is a small disc in it.
@@ -380,19 +445,7 @@ impl EstimatedLight {
             .collect();
         if let Some((toward, energy)) = self.sun {
             let toward = Vec3::from_array(toward);
-            let edge = DRAWN_SUN.to_radians().cos() as f32;
-            let disc: Vec<usize> = (0..pixels.len())
-                .filter(|i| direction(*i).dot(toward) > edge)
-                .collect();
-            let solid_angle: f64 = disc
-                .iter()
-                .map(|i| blank.pixel_solid_angle(i / width))
-                .sum();
-            for i in disc {
-                for c in 0..3 {
-                    pixels[i][c] += energy[c] / solid_angle as f32;
-                }
-            }
+            draw_sun(&blank, &mut pixels, toward, energy, &direction);
         }
         EnvironmentMap::new(width, height, pixels)
     }

@@ -30,6 +30,9 @@ pub const SKY_COLUMNS: usize = 2048;
 /// Environments that are read at the same time.
 const READ_AT_ONCE: usize = 2;
 
+/// Columns of a completed map.
+const COMPLETED_COLUMNS: usize = 1024;
+
 /// Whole maps that are kept.
 const MAPS: usize = 3;
 
@@ -168,6 +171,8 @@ pub struct Environment {
     pub reading: ImageReading,
     /// Names of the layers of its file, where it has several.
     pub layers: Vec<String>,
+    /// True for an image of low dynamic range, whose highlights are clipped.
+    pub is_clipped: bool,
     /// Oddities of the file, in words.
     pub warnings: Vec<String>,
     /// Factor that brings its mean luminance to middle grey, for thumbnails.
@@ -215,6 +220,7 @@ impl Environment {
             size: [0, 0],
             reading: ImageReading::default(),
             layers: Vec::new(),
+            is_clipped: false,
             warnings: Vec::new(),
             thumbnail_gain: 1.0,
             brightest: None,
@@ -237,6 +243,19 @@ impl Environment {
         let mut light = Self::of(ESTIMATE.into(), &map, illumination, Vec::new());
         light.map = Some(Arc::new(map));
         Ok(light)
+    }
+
+    /// A file's light from a completed map of it.
+    ///
+    /// # Errors
+    /// The map holds no light.
+    pub fn completed(&self, map: &EnvironmentMap) -> Result<Self> {
+        let reading = self.reading.clone();
+        let light = Self::of_map(&Device::Cpu, &self.path, map, reading, Method::Directional)?;
+        Ok(Self {
+            map: Some(Arc::new(map.reduced(COMPLETED_COLUMNS))),
+            ..light
+        })
     }
 
     /// The light of sun and sky.
@@ -304,6 +323,7 @@ impl Environment {
             size: map.picture_size(),
             reading: ImageReading::default(),
             layers: map.provenance().layers.clone(),
+            is_clipped: map.has_clipped_highlights(),
             warnings,
             thumbnail_gain: 0.18 / mean,
             small,

@@ -56,6 +56,8 @@ pub enum Work {
     Estimate,
     /// Compares a user-set capture light with the object.
     Align,
+    /// Completes its clipped capture light.
+    Complete,
     /// Prepares the transfer from the source light.
     Prepare,
     /// Relights exactly.

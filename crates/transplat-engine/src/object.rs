@@ -66,7 +66,9 @@ pub struct ObjectState {
     /// True where an estimate was awaited when it was last looked for.
     pub estimate_awaited: bool,
     /// Errors of a user-set capture light at every rotation; none where the object says nothing.
-    pub alignment: Derived<AlignmentKey, Option<Alignment>>,
+    pub alignment: Derived<KnownLightKey, Option<Alignment>>,
+    /// A user-set capture light whose clipped highlights are completed.
+    pub completed: Derived<KnownLightKey, CompletedLight>,
     /// Cache of the preparation between settings.
     pub transfer: Arc<Mutex<TransferCache>>,
     /// Transfer from the source light.
@@ -110,10 +112,12 @@ impl ObjectState {
             bakes: self.bakes.clone(),
             estimate: self.estimate.clone(),
             estimated: self.estimated.clone(),
+            completed: self.completed.clone(),
             prepared: self.prepared.clone(),
             ..Self::default()
         };
         copy.prepared.drop_pending();
+        copy.completed.drop_pending();
         for bake in copy.bakes.values_mut() {
             bake.drop_pending();
         }
@@ -225,12 +229,23 @@ pub type JointKey = (Vec<u64>, u64, OrientedLight, (Part, bool), Vec<u64>);
 /// Directions, and whether it is baked without the capture that it is cut out of. The fronts are the asset's: with others, what was baked is dropped.
 pub type BakeKey = (usize, bool);
 
-/// All that an alignment depends on: the light and the bake by their versions.
+/// A user-set capture light whose clipped highlights are completed.
+#[derive(Clone)]
+pub struct CompletedLight {
+    /// The light in the place of the file's.
+    pub light: Arc<Environment>,
+    /// All of its light over that of the file's, at the same exposure.
+    pub gain: f32,
+    /// Factor of its exposure.
+    pub exposure: f32,
+}
+
+/// All that a comparison of a user-set capture light with the object depends on: the light and the bake by their versions.
 #[derive(Clone, PartialEq)]
-pub struct AlignmentKey {
+pub struct KnownLightKey {
     /// Environment of the capture light.
     pub light: u64,
-    /// Its settings, without those that leave its shape as it is: rotation, mirror, strength, tint and trust.
+    /// Its settings, without those that change nothing in what is made.
     pub settings: EnvironmentLight,
     /// Version of the bake.
     pub bake: u64,

@@ -496,6 +496,7 @@ impl Project {
             self.update_asset(at);
             self.start_bake(at);
             self.update_estimate(at);
+            self.update_completion(at);
         }
         self.resolve_lights();
         self.start_lights();

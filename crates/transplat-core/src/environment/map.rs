@@ -96,6 +96,21 @@ impl EnvironmentMap {
         }
     }
 
+    /// The map with other pixels, which are not clipped.
+    ///
+    /// # Panics
+    /// As [`EnvironmentMap::new`].
+    pub fn with_pixels(&self, pixels: Vec<[f32; 3]>) -> Self {
+        Self {
+            repaired: self.repaired,
+            infinite: self.infinite,
+            layout: self.layout,
+            picture_size: self.picture_size,
+            provenance: self.provenance.clone(),
+            ..Self::new(self.width, self.height, pixels)
+        }
+    }
+
     /// Layout of the image that it was made from.
     pub fn layout(&self) -> Layout {
         self.layout

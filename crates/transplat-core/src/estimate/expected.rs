@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::sky::{SKY, nearest_direction, sky_basis};
 use crate::bake::strata::{DIRECTIONS, directions};
-use crate::capture_environment::CaptureEnvironment;
+use crate::capture_environment::{CaptureEnvironment, MOST_LOG};
 use crate::environment::LightSamples;
 use crate::sh::band_of;
 
@@ -14,14 +14,22 @@ const ABOVE: f64 = 0.6;
 /// Width of a known sun, in degrees: half of what the bake's directions are apart.
 const SUN_WIDTH: f32 = 5.0;
 
+/// Radiance at least.
+const LEAST_RADIANCE: f64 = 1e-6;
+
 /// Prior of a fit: radiance by direction, and how much of that is uncertain.
 pub(super) struct ExpectedLight {
-    /// Logarithm of what is shown over the bake's directions. `[3][DIRECTIONS]`
-    pub log_radiance: [Vec<f64>; 3],
-    /// Uncertainty of it: factor of the fitted logarithm. `[DIRECTIONS]`
-    pub uncertainty: Vec<f64>,
+    /// Radiance over the bake's directions that is certain, and that is not. `[3][DIRECTIONS]`
+    certain: [Vec<f64>; 3],
+    uncertain: [Vec<f64>; 3],
+    /// Share of the fitted logarithm that what is certain takes.
+    uncertainty: f64,
     /// True where the rest of a capture shows some of it.
     pub is_shown: bool,
+    /// True where that has the unit of the photographs.
+    pub has_unit: bool,
+    /// Directions of what is uncertain, one for each of the bake's that has any; those with the largest share of the light come first.
+    pub clipped: Vec<Vec3>,
     /// Mean of each fitted coefficient. `[SKY]`
     pub coefficients: Vec<f64>,
 }
@@ -30,9 +38,12 @@ impl ExpectedLight {
     /// Even light.
     pub fn even() -> Self {
         Self {
-            log_radiance: std::array::from_fn(|_| vec![0.0; DIRECTIONS]),
-            uncertainty: vec![1.0; DIRECTIONS],
+            certain: std::array::from_fn(|_| vec![0.0; DIRECTIONS]),
+            uncertain: std::array::from_fn(|_| vec![1.0; DIRECTIONS]),
+            uncertainty: 0.0,
             is_shown: false,
+            has_unit: false,
+            clipped: Vec::new(),
             coefficients: vec![0.0; SKY],
         }
     }
@@ -81,13 +92,13 @@ impl ExpectedLight {
             }
         }
         // The unit of a panorama is nobody's.
-        let log = |c: usize| {
+        let radiance = |c: usize| {
             let mean = energies.iter().map(|e| e[c]).sum::<f64>() / DIRECTIONS as f64;
-            let over_mean = |e: &[f64; 3]| (e[c] / mean.max(f64::MIN_POSITIVE)).max(1e-6);
-            energies.iter().map(|e| over_mean(e).ln()).collect()
+            let over_mean = |e: &[f64; 3]| (e[c] / mean.max(f64::MIN_POSITIVE)).max(LEAST_RADIANCE);
+            energies.iter().map(over_mean).collect()
         };
         Self {
-            log_radiance: std::array::from_fn(log),
+            uncertain: std::array::from_fn(radiance),
             ..Self::even()
         }
     }
@@ -95,28 +106,56 @@ impl ExpectedLight {
     /// Light as the rest of a capture shows it.
     pub fn shown(shown: &CaptureEnvironment) -> Self {
         let directions = directions();
-        let mut sums = vec![[0f64; 6]; DIRECTIONS];
-        for (direction, omega, radiance, uncertainty) in shown.pixels() {
-            let [r, g, b] = radiance.map(f64::from);
-            // What is uncertain changes a cell by its share of the light.
-            let luminance = r + g + b;
-            let each = [r, g, b, luminance * f64::from(uncertainty), luminance, 1.0];
-            let cell = &mut sums[nearest_direction(&directions, direction)];
-            for (sum, value) in cell.iter_mut().zip(each) {
-                *sum += omega * value;
+        let mut sums = vec![([[0f64; 3]; 2], 0f64); DIRECTIONS];
+        let mut clipped = vec![(Vec3::ZERO, 0f32); DIRECTIONS];
+        for (direction, omega, radiance) in shown.pixels() {
+            let j = nearest_direction(&directions, direction);
+            let (sum, weight) = &mut sums[j];
+            let luminance = |v: [f32; 3]| omega as f32 * v.into_iter().sum::<f32>();
+            clipped[j].0 += luminance(radiance.uncertain) * direction;
+            clipped[j].1 += luminance(radiance.certain) + luminance(radiance.uncertain);
+            for c in 0..3 {
+                sum[0][c] += omega * f64::from(radiance.certain[c]);
+                sum[1][c] += omega * f64::from(radiance.uncertain[c]);
             }
+            *weight += omega;
         }
-        let mean = |j: usize, k: usize| sums[j][k] / sums[j][if k == 3 { 4 } else { 5 }].max(1e-12);
-        let of_each = |k: usize| {
-            (0..DIRECTIONS)
-                .map(move |j| (j, k))
-                .map(|(j, k)| mean(j, k))
+        let mean = |part: usize, c: usize| {
+            let each = sums.iter();
+            each.map(|(sum, weight)| sum[part][c] / weight.max(1e-12))
+                .collect()
         };
+        let mut certain: [Vec<f64>; 3] = std::array::from_fn(|c| mean(0, c));
+        for value in certain.iter_mut().flatten() {
+            *value = value.max(LEAST_RADIANCE);
+        }
+        clipped.retain(|(sum, _)| *sum != Vec3::ZERO);
+        let share = |(sum, all): &(Vec3, f32)| sum.length() / all;
+        clipped.sort_by(|a, b| share(b).total_cmp(&share(a)));
+        let clipped = clipped.into_iter().map(|(sum, _)| sum.normalize());
         Self {
-            log_radiance: std::array::from_fn(|c| of_each(c).map(|v| v.max(1e-6).ln()).collect()),
-            uncertainty: of_each(3).collect(),
+            clipped: clipped.collect(),
+            certain,
+            uncertain: std::array::from_fn(|c| mean(1, c)),
+            uncertainty: f64::from(shown.uncertainty),
             is_shown: true,
+            has_unit: shown.has_unit,
             coefficients: vec![0.0; SKY],
         }
+    }
+
+    /// True where a sun may be: one that a panorama shows is clipped in it.
+    pub fn may_hold_sun(&self, d: Vec3) -> bool {
+        let is_near = |clipped: &Vec3| clipped.angle_between(d).to_degrees() < SUN_WIDTH;
+        let is_whole = self.is_shown && self.uncertainty == 0.0;
+        !is_whole || self.clipped.iter().any(is_near)
+    }
+
+    /// Radiance towards one of the bake's directions, where the fitted logarithm is `log`, and its change with that.
+    pub fn radiance(&self, channel: usize, direction: usize, log: f64) -> [f64; 2] {
+        let log = log.clamp(f64::from(-MOST_LOG), f64::from(MOST_LOG));
+        let certain = self.certain[channel][direction] * (self.uncertainty * log).exp();
+        let uncertain = self.uncertain[channel][direction] * log.exp();
+        [certain + uncertain, self.uncertainty * certain + uncertain]
     }
 }

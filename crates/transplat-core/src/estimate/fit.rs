@@ -11,6 +11,7 @@ use super::expected::ExpectedLight;
 use super::sky::{SKY, nearest_direction, sky_basis};
 use super::white::{WHITE_SD, White, whitest};
 use crate::bake::strata::{DIRECTIONS, directions};
+use crate::capture_environment::MOST_LOG;
 use crate::error::Result;
 use crate::numeric::weighted_quantile;
 use crate::progress::{Progress, tell};
@@ -23,9 +24,6 @@ const SMALL_STEP: f64 = 1e-2;
 
 /// Longest step of one turn, in logarithms of light.
 const LONGEST_STEP: f64 = 1.5;
-
-/// Logarithms of light stay within this.
-const MOST_LOG: f64 = 12.0;
 
 /// Weight of the prior that channels are alike over the prior that the light is even.
 const COUPLING: f64 = 3.0;
@@ -67,8 +65,15 @@ pub(super) struct FittedLight {
 
 impl FittedLight {
     pub fn even() -> Self {
+        Self::constant(0.0)
+    }
+
+    /// Light whose logarithm is the same everywhere.
+    pub fn constant(log: f64) -> Self {
+        let mut sky = vec![0.0; SKY];
+        sky[0] = log;
         Self {
-            sky: std::array::from_fn(|_| vec![0.0; SKY]),
+            sky: std::array::from_fn(|_| sky.clone()),
             sun: None,
         }
     }
@@ -93,20 +98,15 @@ impl FittedLight {
 
     pub fn sun_energy(&self, channel: usize) -> f64 {
         let log = self.sun.as_ref().map(|s| s.log_energy[channel]);
-        log.map_or(0.0, |log| log.clamp(-MOST_LOG, MOST_LOG).exp())
+        let most = f64::from(MOST_LOG);
+        log.map_or(0.0, |log| log.clamp(-most, most).exp())
     }
-}
-
-/// Radiance by its logarithm: what is shown of it, and coefficients times a basis.
-fn radiance_of(shown: f64, sky: &[f64], basis: impl Iterator<Item = f64>) -> f64 {
-    let log: f64 = sky.iter().zip(basis).map(|(y, b)| y * b).sum();
-    (shown + log).clamp(-MOST_LOG, MOST_LOG).exp()
 }
 
 /// Explanation of the clusters by a light.
 pub(super) struct Explained {
-    /// Sky radiance over the bake's directions, relative to the light's mean. `[3][DIRECTIONS]`
-    radiance: [Vec<f64>; 3],
+    /// Sky radiance over the bake's directions, relative to the light's mean, and its change with the fitted logarithm. `[3][DIRECTIONS]`
+    radiance: [Vec<[f64; 2]>; 3],
     /// Irradiance by the light at strength 1. `[c]`
     direct: Vec<[f64; 3]>,
     /// Divisor of the light's radiance that makes its strength 1 in each channel: as [`Unit`] has it.
@@ -134,7 +134,7 @@ pub(super) struct Fit<'a> {
     pairs: Vec<Pair>,
     /// Mean radiance of the light, where that is known.
     pub strength: Option<f64>,
-    /// [`sky_basis`] over the bake's directions, times the uncertainty of each. `[SKY][DIRECTIONS]`
+    /// [`sky_basis`] over the bake's directions. `[SKY][DIRECTIONS]`
     basis: DMatrix<f32>,
     /// Light that is expected, the mean of the prior.
     pub expected: &'a ExpectedLight,
@@ -168,7 +168,8 @@ impl Fitted {
     /// Mean radiance by channel, over the fit's unit.
     pub fn means(&self) -> [f64; 3] {
         [0, 1, 2].map(|c| {
-            let sky = self.explained.radiance[c].iter().sum::<f64>() / DIRECTIONS as f64;
+            let sky = self.explained.radiance[c].iter().map(|r| r[0]).sum::<f64>();
+            let sky = sky / DIRECTIONS as f64;
             sky + self.light.sun_energy(c) / (4.0 * PI * self.explained.mean_radiance[c])
         })
     }
@@ -179,9 +180,9 @@ impl<'a> Fit<'a> {
     pub fn new(clusters: &'a Clusters, neighbors: usize, expected: &'a ExpectedLight) -> Self {
         let pairs = clusters.pairs(neighbors);
         let columns: Vec<Vec<f64>> = directions().iter().map(|d| sky_basis(*d)).collect();
-        let basis = |k: usize, j: usize| (expected.uncertainty[j] * columns[j][k]) as f32;
+        let basis = |k: usize, j: usize| columns[j][k] as f32;
         Self {
-            strength: expected.is_shown.then_some(1.0),
+            strength: expected.has_unit.then_some(1.0),
             clusters,
             pairs,
             expected,
@@ -207,15 +208,10 @@ impl<'a> Fit<'a> {
             // The same in all directions.
             false => 0,
         };
-        let basis = sky_basis(d)
-            .into_iter()
-            .map(|b| self.expected.uncertainty[j] * b);
+        let basis = sky_basis(d);
         [0, 1, 2].map(|c| {
-            radiance_of(
-                self.expected.log_radiance[c][j],
-                &light.sky[c],
-                basis.clone(),
-            )
+            let log: f64 = light.sky[c].iter().zip(&basis).map(|(y, b)| y * b).sum();
+            self.expected.radiance(c, j, log)[0]
         })
     }
 
@@ -224,22 +220,24 @@ impl<'a> Fit<'a> {
         let n = clusters.len();
         let mut mean_radiance = [0.0; 3];
         let mut direct = vec![[0.0; 3]; n];
-        let mut radiance: [Vec<f64>; 3] = Default::default();
+        let mut radiance: [Vec<[f64; 2]>; 3] = Default::default();
         for c in 0..3 {
             let energy = light.sun_energy(c);
-            let mut sky: Vec<f64> = (0..DIRECTIONS)
+            let mut sky: Vec<[f64; 2]> = (0..DIRECTIONS)
                 .map(|j| {
                     let basis = self.basis.column(j);
-                    let basis = basis.iter().map(|b| f64::from(*b));
-                    radiance_of(self.expected.log_radiance[c][j], &light.sky[c], basis)
+                    let each = light.sky[c].iter().zip(basis.iter());
+                    let log: f64 = each.map(|(y, b)| y * f64::from(*b)).sum();
+                    self.expected.radiance(c, j, log)
                 })
                 .collect();
-            let mean = || sky.iter().sum::<f64>() / DIRECTIONS as f64 + energy / (4.0 * PI);
+            let sum: f64 = sky.iter().map(|r| r[0]).sum();
+            let mean = || sum / DIRECTIONS as f64 + energy / (4.0 * PI);
             let mean = match self.unit {
                 Unit::Mean(tint) => mean() / tint[c],
                 Unit::Known(unit) => unit[c],
             };
-            for r in &mut sky {
+            for r in sky.iter_mut().flatten() {
                 *r /= mean;
             }
             let rows = clusters.seen.par_chunks_exact(DIRECTIONS);
@@ -248,7 +246,11 @@ impl<'a> Fit<'a> {
                 .zip(rows)
                 .enumerate()
                 .for_each(|(i, (d, row))| {
-                    let sum: f64 = row.iter().zip(&sky).map(|(s, r)| f64::from(*s) * r).sum();
+                    let sum: f64 = row
+                        .iter()
+                        .zip(&sky)
+                        .map(|(s, r)| f64::from(*s) * r[0])
+                        .sum();
                     let sun = light.sun.as_ref().map_or(0.0, |s| s.seen[i] * energy);
                     d[c] = sum + sun / mean;
                 });
@@ -289,9 +291,9 @@ impl<'a> Fit<'a> {
         whitest(self.clusters, &self.pairs, &lit).filter(|w| w.strength > least)
     }
 
-    /// [`Self::white`] where the rest of a capture shows the light: it is an observation there.
+    /// [`Self::white`] where a light is shown in the unit of the photographs: it is an observation there.
     fn white_of_shown(&self, explained: &Explained) -> Option<White> {
-        let shown = self.expected.is_shown.then_some(&explained.direct);
+        let shown = self.expected.has_unit.then_some(&explained.direct);
         shown.and_then(|direct| self.white(direct))
     }
 
@@ -435,7 +437,9 @@ impl<'a> Fit<'a> {
         let clusters = self.clusters;
         let (n, p) = (clusters.len(), light.unknowns());
         let sky = &explained.radiance[c];
-        let lit = DMatrix::from_fn(SKY, DIRECTIONS, |k, j| self.basis[(k, j)] * sky[j] as f32);
+        let lit = DMatrix::from_fn(SKY, DIRECTIONS, |k, j| {
+            self.basis[(k, j)] * sky[j][1] as f32
+        });
         let mean_factor = match self.unit {
             Unit::Mean(tint) => 1.0 / tint[c],
             Unit::Known(_) => 0.0,

@@ -12,6 +12,10 @@ use crate::sh::lattice;
 /// Directions in which the brightest part of the sky is looked for.
 const SEARCHED: usize = 2000;
 
+/// Directions in clipped parts of the light that are tried, and factors of the sky's energy there.
+const TRIED: usize = 64;
+const STRONGER: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
+
 /// Cosine to the brightest direction within which the sky's light may be the sun's.
 const AROUND: f64 = 0.9;
 
@@ -35,52 +39,82 @@ pub(super) fn add_sun(
     progress: Progress<'_>,
 ) -> Result<Option<Fitted>> {
     let noise = without.noise;
-    let Some(light) = begin(fit, &without.light, bake) else {
+    let cost = |f: &Fitted| fit.cost(&f.light, &f.explained, noise);
+    let starts = begin(fit, &without.light, noise, bake);
+    let mut found: Option<Fitted> = None;
+    for (at, light) in starts.iter().enumerate() {
+        let [from, to] = [at, at + 1].map(|at| at as f64 / starts.len() as f64);
+        let progress = part(progress, from, to);
+        let mut light = fit.run(light.clone(), &part(&progress, 0.0, 0.4))?.light;
+        for (i, step) in STEPS.into_iter().enumerate() {
+            tell(&progress, 0.4 + 0.05 * i as f64)?;
+            light = turn(fit, light, step, noise, bake);
+        }
+        let with = fit.run(light, &part(&progress, 0.6, 1.0))?;
+        if found.as_ref().is_none_or(|best| cost(&with) < cost(best)) {
+            found = Some(with);
+        }
+    }
+    let Some(with) = found else {
         return Ok(None);
     };
-    let mut light = fit.run(light, &part(progress, 0.0, 0.4))?.light;
-    for (i, step) in STEPS.into_iter().enumerate() {
-        tell(progress, 0.4 + 0.05 * i as f64)?;
-        light = turn(fit, light, step, noise, bake);
-    }
-    let with = fit.run(light, &part(progress, 0.6, 1.0))?;
-    let [before, after] = [without, &with].map(|f| fit.cost(&f.light, &f.explained, noise));
+    let [before, after] = [cost(without), cost(&with)];
     // Direction and energy are five unknowns (the Bayesian information criterion of Schwarz, 1978).
     let worth = 2.5 * (fit.clusters.len() as f64).ln();
     Ok((after.is_finite() && before - after > worth).then_some(with))
 }
 
-/// A sun where the sky is brightest.
-fn begin(fit: &Fit<'_>, sky: &FittedLight, bake: &DirectionalBake) -> Option<FittedLight> {
+/// A sun where the sky is brightest, or in the clipped part of a shown light where it explains most.
+fn begin(fit: &Fit<'_>, sky: &FittedLight, noise: f64, bake: &DirectionalBake) -> Vec<FittedLight> {
     let radiance: Vec<(Vec3, [f64; 3])> = lattice(SEARCHED)
         .into_iter()
         .map(|d| (d, fit.sky_radiance(sky, d)))
         .collect();
     let sum = |v: &[f64; 3]| v.iter().sum::<f64>();
-    let (peak, _) = radiance
+    let brightest = radiance
         .iter()
-        .max_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?;
+        .max_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))
+        .map_or(Vec3::Z, |(d, _)| *d);
     let omega = 4.0 * std::f64::consts::PI / SEARCHED as f64;
-    let around = radiance
-        .iter()
-        .filter(|(d, _)| f64::from(d.dot(*peak)) > AROUND);
-    let mut energy = [0.0; 3];
-    for (_, r) in around {
-        for c in 0..3 {
-            energy[c] += omega * r[c];
+    let energy_around = |peak: Vec3| {
+        let around = radiance
+            .iter()
+            .filter(|(d, _)| f64::from(d.dot(peak)) > AROUND);
+        let mut energy = [0.0; 3];
+        for (_, r) in around {
+            for c in 0..3 {
+                energy[c] += omega * r[c];
+            }
         }
-    }
-    Some(FittedLight {
-        sky: sky
-            .sky
-            .clone()
-            .map(|s| s.iter().map(|y| LEFT * y).collect()),
+        energy
+    };
+    let shaded = sky
+        .sky
+        .clone()
+        .map(|s| s.iter().map(|y| LEFT * y).collect());
+    let shone = |direction: Vec3| FittedLight {
+        sky: shaded.clone(),
         sun: Some(FittedSun {
-            direction: *peak,
-            seen: seen(fit.clusters, *peak, bake),
-            log_energy: energy.map(f64::ln),
+            direction,
+            seen: seen(fit.clusters, direction, bake),
+            log_energy: energy_around(direction).map(f64::ln),
         }),
-    })
+    };
+    let clipped = fit.expected.clipped.iter().take(TRIED).copied();
+    let stronger = |light: FittedLight| {
+        STRONGER.into_iter().map(move |factor| {
+            let mut light = light.clone();
+            for log in light.sun.iter_mut().flat_map(|sun| &mut sun.log_energy) {
+                *log += f64::ln(factor);
+            }
+            light
+        })
+    };
+    let tried = clipped.flat_map(|d| stronger(shone(d)));
+    let cost = |light: &FittedLight| fit.cost(light, &fit.explain(light), noise);
+    let tried = tried.map(|light| (cost(&light), light));
+    let best = tried.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, l)| l);
+    [shone(brightest)].into_iter().chain(best).collect()
 }
 
 /// The sun turned to where it explains more, by a step's angle in degrees.
@@ -102,6 +136,9 @@ fn turn(
         let angle = std::f32::consts::TAU * k as f32 / RING as f32;
         let (s, c) = angle.sin_cos();
         let direction = (cos * middle + sin * (c * aside + s * middle.cross(aside))).normalize();
+        if !fit.expected.may_hold_sun(direction) {
+            continue;
+        }
         let mut other = light.clone();
         if let Some(sun) = &mut other.sun {
             sun.direction = direction;

@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use glam::{DMat3, Vec2, Vec3};
+use glam::{DMat3, DVec3, Vec2, Vec3};
 use proptest::prelude::*;
 
 use super::expected::ExpectedLight;
@@ -147,6 +147,53 @@ fn strength_follows_from_what_bounces() {
     };
     let ratio = mean(&|d| found.light.sky_radiance(d)) / mean(&slanted);
     assert!((ratio - 1.0).abs() < 0.15, "{ratio}");
+}
+
+/// A sun and the brighter half of the sky are cut off by half and more of all light; the map lies rotated, in another unit.
+#[test]
+fn a_clipped_panorama_has_the_light_that_the_shading_shows() {
+    let sun = (Vec3::new(0.5, -0.3, 0.81).normalize(), 2.0);
+    let (cloud, bake) = lit(3000, slanted, Some(sun));
+    let (unit, to_asset) = ([0.5; 3], DMat3::from_rotation_z(1.0));
+    let radiance = |d: Vec3| {
+        let angle = d.angle_between(sun.0).to_degrees();
+        let disc = if angle < 3.0 { sun.1 / 0.00861 } else { 0.0 };
+        slanted(d).map(|v| (v + disc) / unit[0])
+    };
+    let seen = |d: DVec3| (to_asset * d).as_vec3();
+    let whole = EnvironmentMap::of_directions(256, 128, |d| radiance(seen(d)));
+    let white = 2.0;
+    let clipped = whole.pixels().iter().map(|p| p.map(|v| v.min(white)));
+    let clipped = EnvironmentMap::new(256, 128, clipped.collect());
+    let found = complete_light(&cloud, &bake, &clipped, Some(unit), to_asset, &no_progress);
+    let found = found.expect("not cancelled");
+    let each = found.map.pixels().iter().zip(clipped.pixels());
+    for (after, before) in each.clone() {
+        assert!(after.iter().zip(before).all(|(a, b)| a >= b));
+    }
+    // Light is added where the map is clipped and in a sun's disc, which covers 0.03 % of the sphere.
+    let added =
+        each.filter(|(after, before)| after != before && before.iter().all(|v| *v < 0.95 * white));
+    assert!(added.count() < 60);
+    let irradiance = |map: &EnvironmentMap, n: Vec3| -> f64 {
+        let each = map.pixels().iter().enumerate();
+        each.map(|(i, p)| {
+            let d = seen(map.direction(i % 256, i / 256).into());
+            map.pixel_solid_angle(i / 256) * f64::from(n.dot(d).max(0.0) * p[1])
+        })
+        .sum()
+    };
+    for n in [
+        Vec3::Z,
+        sun.0,
+        Vec3::new(0.6, 0.0, 0.8),
+        Vec3::new(0.0, 0.7, 0.7),
+    ] {
+        let [of_clipped, of_found] =
+            [&clipped, &found.map].map(|m| irradiance(m, n) / irradiance(&whole, n));
+        assert!(of_clipped < 0.75, "{n}: {of_clipped} of the light is there");
+        assert!((of_found - 1.0).abs() < 0.1, "{n}: {of_found}");
+    }
 }
 
 /// Hollows are as yellow as what they face makes them, and as the light that reaches them.

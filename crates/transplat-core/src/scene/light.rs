@@ -55,6 +55,9 @@ pub struct EnvironmentLight {
     /// User-set trust in a capture light: see [`Illumination::trust`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trust: Option<f32>,
+    /// True where the image of a capture light is clipped, and completed from the shading; none for what its file says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clipped: Option<bool>,
 }
 
 impl Default for EnvironmentLight {
@@ -72,6 +75,7 @@ impl Default for EnvironmentLight {
             strength: 0.0,
             tint: [1.0; 3],
             trust: None,
+            clipped: None,
         }
     }
 }
@@ -135,6 +139,7 @@ impl EnvironmentLight {
             self.sky = None;
             self.without_suns = false;
             self.trust = None;
+            self.clipped = None;
         }
         self.file = Some(file);
     }

@@ -244,6 +244,15 @@ impl Headless {
         self.shots.project.requested.lights = true;
         self.settle(summary)?;
         for (at, state) in self.shots.project.states.iter().enumerate() {
+            if let Some(completed) = self.shots.project.completed_source(at) {
+                summary.set("source_completed_gain", completed.gain);
+                summary.set("source_completed_exposure", completed.exposure);
+                summary.note(format!(
+                    "the clipped highlights of the capture light are completed from the shading: {:.1} times as much light in all, exposure {:+.1} stops",
+                    completed.gain,
+                    completed.exposure.log2()
+                ));
+            }
             let estimate = state.estimate.get();
             let Some(estimate) = estimate.filter(|_| self.shots.project.asks_for_estimate(at))
             else {
@@ -533,6 +542,7 @@ fn stage_of(kind: Kind) -> &'static str {
         Kind::Of(_, Work::Bake(_)) => "bake",
         Kind::Of(_, Work::Estimate) => "estimate",
         Kind::Of(_, Work::Align) => "align",
+        Kind::Of(_, Work::Complete) => "complete",
         Kind::Surroundings | Kind::Insertion => "surroundings",
         Kind::Ground => "ground",
         _ => "prepare",

@@ -165,6 +165,7 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
         .trust_source
         .map(|t| t as f32)
         .or(source.trust);
+    source.clipped = light.capture.source_clipped.or(source.clipped);
     put(&mut scene.environment.rotation, light.rotate_target);
     let told = light.capture.source_layout;
     scene.objects[0].source.layout = told.or(scene.objects[0].source.layout);

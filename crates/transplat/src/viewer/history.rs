@@ -177,7 +177,7 @@ pub fn is_as(step: &Scene, scene: &Scene) -> bool {
 }
 
 /// Words for the settings of a look: the longest matching beginning counts.
-const WORDS: [(&str, &str); 58] = [
+const WORDS: [(&str, &str); 59] = [
     ("animation", tr_later("light animation")),
     ("asset", tr_later("splat")),
     ("background", tr_later("background")),
@@ -202,6 +202,7 @@ const WORDS: [(&str, &str); 58] = [
     ("shadow_catcher", tr_later("shadow catcher")),
     ("source", tr_later("capture light")),
     ("source/file", tr_later("capture light")),
+    ("source/clipped", tr_later("clipped capture light")),
     ("source/layout", tr_later("layout of the capture light")),
     ("source/layer", tr_later("layer of the capture light")),
     ("source/mirror", tr_later("capture light mirrored")),

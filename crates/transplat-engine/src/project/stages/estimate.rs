@@ -1,19 +1,19 @@
 //! Stage *estimate*: the capture light from the object, once a splat, and again when its outside is set or the rest of its capture is hidden or shown.
-//! A user-set panorama is compared with the object instead.
+//! A user-set panorama is compared with the object instead, and completed where it is clipped.
 
 use std::sync::Arc;
 
-use transplat_core::estimate::{Advice, Alignment, align_light, estimate_light};
+use transplat_core::estimate::{Advice, Alignment, align_light, complete_light, estimate_light};
 use transplat_core::files::is_same_file;
 use transplat_core::scene::{EnvironmentLight, Object, wrap};
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
 
-use crate::environments::Environment;
+use crate::environments::{Environment, load_map};
 use crate::estimate::{make_and_keep, why_not};
 use crate::jobs::{Handle, Kind, Work};
 use crate::language::{tr, tr_format, tr_later};
-use crate::object::{AlignmentKey, ObjectState};
+use crate::object::{CompletedLight, KnownLightKey, ObjectState};
 use crate::project::{Project, Remedy};
 use crate::words::of_error;
 
@@ -34,14 +34,112 @@ impl Project {
 
     /// True where a headless project makes nothing under an object's light yet, since it is being estimated.
     pub(crate) fn waits_for_estimate(&self, at: usize) -> bool {
-        let is_asked = self.canvas.is_none() && self.asks_for_estimate(at);
-        is_asked && self.states[at].estimated.get().is_none()
+        if self.canvas.is_some() {
+            return false;
+        }
+        let is_estimated = self.states[at].estimated.get().is_some();
+        (self.asks_for_estimate(at) && !is_estimated) || self.needs_completion(at)
     }
 
     /// True where the estimate needs a bake.
     pub(crate) fn estimate_needs_bake(&self, at: usize) -> bool {
         let estimate = self.states[at].estimate.of(&self.is_isolated(at));
-        estimate.is_none() && self.asks_for_estimate(at)
+        (estimate.is_none() && self.asks_for_estimate(at)) || self.needs_completion(at)
+    }
+
+    /// Panorama that an object's capture light is read from, where its clipped highlights are to be completed.
+    fn clipped_source(&self, at: usize) -> Option<&Arc<Environment>> {
+        let light = self.panorama_of(at)?;
+        (self.is_source_clipped(at)? && self.requested.lights && (self.is_used(at) || at == 0))
+            .then_some(light)
+    }
+
+    /// True where the panorama of an object's capture light is clipped, as set or by its file; none where there is no panorama.
+    pub fn is_source_clipped(&self, at: usize) -> Option<bool> {
+        let by_file = self.panorama_of(at)?.is_clipped;
+        Some(self.scene.objects[at].source.clipped.unwrap_or(by_file))
+    }
+
+    /// True where a clipped capture light was not completed yet.
+    fn needs_completion(&self, at: usize) -> bool {
+        self.clipped_source(at).is_some() && self.completed_source(at).is_none()
+    }
+
+    /// Capture light as completed last, where it is clipped.
+    pub fn completed_source(&self, at: usize) -> Option<&CompletedLight> {
+        let light = self.clipped_source(at)?;
+        let completed = &self.states[at].completed;
+        let made_from = completed.made_from()?;
+        completed.get().filter(|_| made_from.light == light.id)
+    }
+
+    /// Completes a clipped capture light from the shading, once there is a bake.
+    pub(crate) fn update_completion(&mut self, at: usize) {
+        let Some(light) = self.clipped_source(at).cloned() else {
+            return;
+        };
+        let source = &self.scene.objects[at].source;
+        let mut settings = EnvironmentLight {
+            trust: None,
+            ..source.clone()
+        };
+        // The unit of a photograph is nobody's: it follows from the shading, and what is set comes on top.
+        let has_unit = !light.is_clipped;
+        if !has_unit {
+            (settings.strength, settings.tint) = (0.0, [1.0; 3]);
+        }
+        let (Some(key), Some(asset)) = (
+            self.known_light_key(at, &light, settings),
+            self.states[at].asset.clone(),
+        ) else {
+            return;
+        };
+        let id = self.states[at].id;
+        let kind = Kind::Of(id, Work::Complete);
+        let Some(own) = self.states[at].whole_directional_bake() else {
+            return;
+        };
+        if self.jobs.is_running(kind) || !self.states[at].completed.ask(&key) {
+            return;
+        }
+        let label = tr_format!("completing the capture light of {}", asset.name());
+        let (wanted, raw) = (key.clone(), light);
+        let work = move |handle: &Handle<_>| {
+            let report = |done| handle.progress(done);
+            let (cloud, bake) = asset.under_capture_light(own, wanted.is_isolated)?;
+            let map = load_map(&raw)?;
+            let to_asset = wanted.settings.map_from_asset(wanted.up).transpose();
+            let unit = has_unit.then(|| wanted.settings.gain());
+            let made = complete_light(cloud, &bake, &map, unit, to_asset, &report)?;
+            Ok(CompletedLight {
+                light: Arc::new(raw.completed(&made.map)?),
+                gain: made.gain,
+                exposure: made.exposure,
+            })
+        };
+        self.start(kind, label, work, move |project, completed| {
+            let Some(at) = project.at(id) else {
+                return;
+            };
+            let is_first = project.states[at].completed.get().is_none();
+            let (gain, stops) = (completed.gain, completed.exposure.log2());
+            if project.states[at].completed.accept(key, completed) && is_first {
+                let text = match has_unit {
+                    true => tr_format!(
+                        "The clipped highlights of the capture light are completed from the shading of {name}: {gain:.1} times as much light in all.",
+                        name = project.called(at),
+                        gain = gain
+                    ),
+                    false => tr_format!(
+                        "The clipped highlights of the capture light are completed from the shading of {name}: {gain:.1} times as much light in all. Its exposure is set, too ({stops:+.1} stops).",
+                        name = project.called(at),
+                        gain = gain,
+                        stops = stops
+                    ),
+                };
+                project.info(text);
+            }
+        });
     }
 
     /// True while an estimate runs whose result is wanted.
@@ -199,31 +297,49 @@ impl Project {
         }
     }
 
-    /// All that an alignment depends on; none where the capture light is no panorama, or the bake is not complete.
-    fn alignment_key(&self, at: usize) -> Option<AlignmentKey> {
-        let [(settings, resolved), _] = self.sides_of(at);
-        let is_asked = self.requested.lights && self.requested.alignment && self.is_used(at);
-        let is_there = resolved.light.is_file() && resolved.settings.file == settings.file;
-        if !is_asked || !is_there || !self.is_baked_as_set(at, Method::Directional) {
-            return None;
-        }
+    /// Key of a panorama that is compared with an object under some settings; none where the bake is not complete.
+    fn known_light_key(
+        &self,
+        at: usize,
+        light: &Environment,
+        settings: EnvironmentLight,
+    ) -> Option<KnownLightKey> {
         let state = &self.states[at];
         state.whole_directional_bake()?;
-        Some(AlignmentKey {
-            light: resolved.light.id,
-            // None of these changes what the light is like.
-            settings: EnvironmentLight {
-                rotation: 0.0,
-                mirror: false,
-                strength: 0.0,
-                tint: [1.0; 3],
-                trust: None,
-                ..settings.clone()
-            },
+        let is_read_so = light.reading == self.scene.reading_of(&light.path);
+        is_read_so.then_some(KnownLightKey {
+            light: light.id,
+            settings,
             bake: state.bakes.get(&Method::Directional)?.version(),
             up: self.up_of(at),
             is_isolated: self.is_isolated(at),
         })
+    }
+
+    /// All that an alignment depends on; none where the capture light is no panorama, or the bake is not complete.
+    fn alignment_key(&self, at: usize) -> Option<KnownLightKey> {
+        let settings = &self.scene.objects[at].source;
+        let is_asked = self.requested.lights && self.requested.alignment && self.is_used(at);
+        if !is_asked || !self.is_baked_as_set(at, Method::Directional) {
+            return None;
+        }
+        // None of these changes what the light is like.
+        let settings = EnvironmentLight {
+            rotation: 0.0,
+            mirror: false,
+            strength: 0.0,
+            tint: [1.0; 3],
+            trust: None,
+            clipped: None,
+            ..settings.clone()
+        };
+        self.known_light_key(at, self.panorama_of(at)?, settings)
+    }
+
+    /// Panorama that an object's capture light is read from, as it is in its file.
+    fn panorama_of(&self, at: usize) -> Option<&Arc<Environment>> {
+        let file = self.scene.objects[at].source.file.as_ref()?;
+        self.environments.get(file).filter(|light| light.is_file())
     }
 
     /// Errors of a user-set capture light at every rotation; none before they are known.
@@ -251,13 +367,15 @@ impl Project {
         if self.jobs.is_running(kind) || !self.states[at].alignment.ask(&key) {
             return;
         }
-        let [(_, resolved), _] = self.sides_of(at);
+        let Some(panorama) = self.panorama_of(at).cloned() else {
+            return;
+        };
         let lights = [false, true].map(|mirror| {
             let settings = EnvironmentLight {
                 mirror,
                 ..key.settings.clone()
             };
-            settings.orient(&resolved.light.illumination, UpAxis::PlusZ)
+            settings.orient(&panorama.illumination, UpAxis::PlusZ)
         });
         let label = tr_format!("comparing the capture light with {}", asset.name());
         let work = move |handle: &Handle<_>| {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use transplat_core::scene::{EnvironmentLight, Transform};
 
-use crate::environments::Resolved;
+use crate::environments::{Environment, Resolved};
 use crate::object::{LightsKey, OrientedLight};
 use crate::project::Project;
 
@@ -16,21 +16,23 @@ impl Project {
         }
         for at in 0..self.scene.objects.len() {
             let [source, _] = self.sides_of(at);
-            if let Some(resolved) = self.resolve(at, source) {
+            let completed = self.completed_source(at).map(|made| &made.light);
+            if let Some(resolved) = self.resolve(at, source, completed) {
                 self.states[at].source = resolved;
             }
         }
         let [_, environment] = self.sides_of(0);
-        if let Some(resolved) = self.resolve(0, environment) {
+        if let Some(resolved) = self.resolve(0, environment, None) {
             self.environment = resolved;
         }
     }
 
-    /// Light of a side, where it is another than before.
+    /// Light of a side, where it is another than before; as completed, where it was.
     fn resolve(
         &self,
         at: usize,
         (settings, last): (&EnvironmentLight, &Resolved),
+        completed: Option<&Arc<Environment>>,
     ) -> Option<Resolved> {
         let file = settings.file.as_ref()?;
         let light = self.light_of(at, file)?;
@@ -38,6 +40,7 @@ impl Project {
             // It is being read otherwise.
             return None;
         }
+        let light = completed.cloned().unwrap_or(light);
         let is_new = light.id != last.light.id || *settings != last.settings;
         is_new.then(|| Resolved {
             light,

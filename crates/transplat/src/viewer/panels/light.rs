@@ -124,6 +124,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     if side == SOURCE {
         by_click(ui, &mut viewer.viewport.placing);
         by_shading(ui, session);
+        clipped(ui, session);
         trust(
             ui,
             &mut session.object_mut().source,
@@ -175,6 +176,21 @@ fn by_shading(ui: &mut Ui, session: &mut Session) {
         }
         ui.weak(text);
     });
+}
+
+/// Switches the completion of a clipped panorama.
+fn clipped(ui: &mut Ui, session: &mut Session) {
+    let Some(was_clipped) = session.project.is_source_clipped(session.selected) else {
+        return;
+    };
+    let mut is_clipped = was_clipped;
+    ui.checkbox(&mut is_clipped, tr("Complete clipped highlights"))
+        .on_hover_text(tr(
+            "The highlights of this image are clipped, as those of photographs are. How bright they were is estimated from the shading of the object.",
+        ));
+    if is_clipped != was_clipped {
+        session.object_mut().source.clipped = Some(is_clipped);
+    }
 }
 
 /// Trust in the capture light, by its confidence where nobody set it.
