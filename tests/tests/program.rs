@@ -1,8 +1,11 @@
 //! The program's commands: what they write and what they tell.
 
 use std::fs;
+use std::path::Path;
 use std::process::Command;
 
+use transplat_core::color::srgb_encode;
+use transplat_core::files::{load_environment, load_splat};
 use transplat_tests::{
     Folder, args, asset, exr_pixels, level_cameras, picture, program, run, run_json, run_told,
     small_lut, small_splat,
@@ -411,6 +414,38 @@ fn a_panorama_is_rotated_to_fit_the_splat() {
     assert_eq!(told["source_mirrored"], false);
     let unknown = "estimate".to_owned();
     run_told(&relight(&unknown), 1, &["--rotate-source fit", "panorama"]);
+}
+
+/// Under the light of its capture a splat looks as captured. A photograph of that light is clipped, and darker.
+#[test]
+fn a_photographed_panorama_serves_as_the_light_of_the_capture() {
+    let folder = Folder::empty();
+    let [splat, city] = ["teapot.ply", "city.hdr"].map(asset);
+    let map = load_environment(Path::new(&city)).expect("the light is there");
+    let mut photograph = image::RgbImage::new(map.width() as u32, map.height() as u32);
+    for (pixel, radiance) in photograph.pixels_mut().zip(map.pixels()) {
+        // A thirtieth of the sphere is clipped, which has a quarter of the light.
+        let encoded = radiance.map(|v| srgb_encode((v / 1.87).min(1.0)));
+        pixel.0 = encoded.map(|v| (255.0 * v).round() as u8);
+    }
+    let source = folder.name("photograph.png");
+    photograph.save(&source).expect("room");
+    let out = folder.name("relit.ply");
+    let error = |clipped: &[&str]| {
+        let line = "relight {} --source {} --target {} --device cpu -o {}";
+        let arguments = args(line, &[&splat, &source, &city, &out]);
+        let told = run_json(&[&arguments[..], clipped].concat());
+        let colors = |file: &str| load_splat(Path::new(file)).expect("it was written").0.sh;
+        let (before, after) = (colors(&splat), colors(&out));
+        let each = before.iter().flatten().zip(after.iter().flatten());
+        let squares: f64 = each.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        (squares.sqrt(), told["source_completed_gain"].as_f64())
+    };
+    let ((completed, gain), (as_it_is, none)) = (error(&[]), error(&["--source-clipped", "false"]));
+    assert!(completed < 0.3 * as_it_is, "{completed} for {as_it_is}");
+    // Of the light 0.75 was left.
+    assert!(gain.is_some_and(|g| (g - 1.33).abs() < 0.2), "{gain:?}");
+    assert_eq!(none, None);
 }
 
 /// Path-traced. The one splat was laid on a surface that was known, the other trained from pictures.

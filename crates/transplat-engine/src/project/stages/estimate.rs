@@ -17,6 +17,9 @@ use crate::object::{CompletedLight, KnownLightKey, ObjectState};
 use crate::project::{Project, Remedy};
 use crate::words::of_error;
 
+/// Columns at most of a panorama that is completed: its sun is still some pixels wide.
+const COMPARED_COLUMNS: usize = 4096;
+
 /// For the user, where nobody told the light.
 pub const DROP_IT: &str =
     tr_later("Drop the environment of the capture on “Capture light”, if you have it.");
@@ -60,9 +63,27 @@ impl Project {
         Some(self.scene.objects[at].source.clipped.unwrap_or(by_file))
     }
 
-    /// True where a clipped capture light was not completed yet.
+    /// True where a clipped capture light is to be completed before it serves. The window goes on with it as completed last.
     fn needs_completion(&self, at: usize) -> bool {
-        self.clipped_source(at).is_some() && self.completed_source(at).is_none()
+        let is_there = || match (self.canvas.is_some(), self.completion_key(at)) {
+            (true, _) => self.completed_source(at).is_some(),
+            (false, key) => key.is_some_and(|key| self.states[at].completed.of(&key).is_some()),
+        };
+        self.clipped_source(at).is_some() && !is_there()
+    }
+
+    /// All that the completion of a clipped capture light depends on; none before there is a bake.
+    fn completion_key(&self, at: usize) -> Option<KnownLightKey> {
+        let light = self.clipped_source(at)?;
+        let mut settings = EnvironmentLight {
+            trust: None,
+            ..self.scene.objects[at].source.clone()
+        };
+        // The unit of a photograph is nobody's: it follows from the shading, and what is set comes on top.
+        if light.is_clipped {
+            (settings.strength, settings.tint) = (0.0, [1.0; 3]);
+        }
+        self.known_light_key(at, light, settings)
     }
 
     /// Capture light as completed last, where it is clipped.
@@ -78,20 +99,9 @@ impl Project {
         let Some(light) = self.clipped_source(at).cloned() else {
             return;
         };
-        let source = &self.scene.objects[at].source;
-        let mut settings = EnvironmentLight {
-            trust: None,
-            ..source.clone()
-        };
-        // The unit of a photograph is nobody's: it follows from the shading, and what is set comes on top.
         let has_unit = !light.is_clipped;
-        if !has_unit {
-            (settings.strength, settings.tint) = (0.0, [1.0; 3]);
-        }
-        let (Some(key), Some(asset)) = (
-            self.known_light_key(at, &light, settings),
-            self.states[at].asset.clone(),
-        ) else {
+        let (Some(key), Some(asset)) = (self.completion_key(at), self.states[at].asset.clone())
+        else {
             return;
         };
         let id = self.states[at].id;
@@ -107,7 +117,7 @@ impl Project {
         let work = move |handle: &Handle<_>| {
             let report = |done| handle.progress(done);
             let (cloud, bake) = asset.under_capture_light(own, wanted.is_isolated)?;
-            let map = load_map(&raw)?;
+            let map = load_map(&raw)?.reduced(COMPARED_COLUMNS);
             let to_asset = wanted.settings.map_from_asset(wanted.up).transpose();
             let unit = has_unit.then(|| wanted.settings.gain());
             let made = complete_light(cloud, &bake, &map, unit, to_asset, &report)?;
