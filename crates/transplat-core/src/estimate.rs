@@ -49,8 +49,8 @@ const GROWING: [f32; 2] = [0.5, 0.95];
 /// Share of the uncertainty that is left where the rest of the capture shows some of the light.
 const SHOWN_UNCERTAINTY: f64 = 0.5;
 
-/// Logarithms by which uncertain light is brighter than expected, among which a fit starts.
-const STARTS: [f64; 6] = [-1.0, 0.0, 1.0, 2.0, 4.0, 6.0];
+/// Factors between the exposure of a photographed panorama and that of the capture: six stops either way.
+const PLAUSIBLE_EXPOSURES: std::ops::RangeInclusive<f64> = 1.0 / 64.0..=64.0;
 
 /// Confidence from which on an estimate says where up is.
 const CERTAIN: f32 = 0.6;
@@ -239,7 +239,7 @@ fn estimate_with_strength(
     }
     let sky_of = |fit: &Fit<'_>| {
         let step = part(progress, GATHERED, SKY_FITTED);
-        fit.run(start(fit), &step)
+        fit.run(FittedLight::even(), &step)
     };
     let mut sky = sky_of(&near)?;
     let mut far = None;
@@ -279,19 +279,6 @@ fn estimate_with_strength(
     Ok((judge(&clusters, &even, fitted, shown), strength))
 }
 
-/// Light where a fit starts: what is uncertain of a shown light may be much brighter, and too far for small steps.
-fn start(fit: &Fit<'_>) -> FittedLight {
-    let starts = STARTS.into_iter().map(FittedLight::constant);
-    let lights: Vec<FittedLight> = match fit.expected.is_shown {
-        true => starts.collect(),
-        false => vec![FittedLight::even()],
-    };
-    let noise = |light: &FittedLight| fit.misfit(&fit.explain(light));
-    let by_noise = |a: &FittedLight, b: &FittedLight| noise(a).total_cmp(&noise(b));
-    let best = lights.into_iter().min_by(by_noise);
-    best.unwrap_or_else(FittedLight::even)
-}
-
 /// Completes a panorama that `cloud` was captured under; `bake` is the cloud's for the directional method.
 ///
 /// `unit`: factors that bring the map to the unit of the cloud's colours, by channel; none where nobody knows them, as of photographs. The map's
@@ -311,6 +298,11 @@ pub fn complete_light(
     let shown = CaptureEnvironment::of_panorama(map, white, to_asset, unit.is_some());
     let shown = shown.tinted(unit.unwrap_or([1.0; 3]));
     let (found, strength) = estimate_with_strength(cloud, bake, Some(&shown), progress)?;
+    // Where bounced light explains all there is, the fit has no strength to find: the panorama stays as it is expected.
+    let (found, strength) = match PLAUSIBLE_EXPOSURES.contains(&strength) {
+        true => (found, strength),
+        false => (Estimate::shown(&shown), 1.0),
+    };
     let exposure = if shown.has_unit { 1.0 } else { strength as f32 };
     let unit = unit.unwrap_or([1.0; 3]);
     let light = &found.light;

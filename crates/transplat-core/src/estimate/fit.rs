@@ -65,15 +65,8 @@ pub(super) struct FittedLight {
 
 impl FittedLight {
     pub fn even() -> Self {
-        Self::constant(0.0)
-    }
-
-    /// Light whose logarithm is the same everywhere.
-    pub fn constant(log: f64) -> Self {
-        let mut sky = vec![0.0; SKY];
-        sky[0] = log;
         Self {
-            sky: std::array::from_fn(|_| sky.clone()),
+            sky: std::array::from_fn(|_| vec![0.0; SKY]),
             sun: None,
         }
     }
