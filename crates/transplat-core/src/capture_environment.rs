@@ -1,4 +1,4 @@
-//! Environment of a part of a capture, as the rest of the capture shows it: where an estimate of the part's light begins.
+//! Environment of a capture, as the rest of it or a panorama shows it: where an estimate of the light begins.
 
 use std::f32::consts::PI;
 
@@ -76,10 +76,10 @@ impl ShownRadiance {
     }
 }
 
-/// The light around a place as a splat shows it, with its uncertainty: what is clipped was brighter, and what is open is not known.
+/// The light around a place as a splat or a panorama shows it, with its uncertainty: what is clipped was brighter, and what is open is not known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaptureEnvironment {
-    /// By direction in the splat's coordinates, equirectangular. `[2 ROWS x ROWS]`
+    /// Radiance by direction in the splat's coordinates, equirectangular. `[2 ROWS x ROWS]`
     pixels: Vec<ShownRadiance>,
     /// Uncertainty of what is certain: see [`ShownRadiance::changed`].
     pub uncertainty: f32,

@@ -104,7 +104,7 @@ pub fn map_warnings(path: &Path, map: &EnvironmentMap, reading: &ImageReading) -
     }
     if map.has_clipped_highlights() {
         warnings.push(format!(
-            "{}: a low-dynamic-range image; its highlights are clipped, so its light is too soft",
+            "{}: a low-dynamic-range image; its highlights are clipped",
             path.display()
         ));
     }

@@ -170,7 +170,7 @@ pub struct CaptureArgs {
     /// Layer or part of an OpenEXR file that is that light [default: the unnamed one, or Combined, beauty, rgba]
     #[arg(long, value_name = "NAME")]
     pub source_layer: Option<String>,
-    /// The capture light's image is clipped, or not: clipped highlights are completed from the shading of the splat [default: images of low dynamic range are]
+    /// Complete the clipped highlights of that light from the shading of the splat [default: of images of low dynamic range]
     #[arg(long, value_name = "true|false")]
     pub source_clipped: Option<bool>,
     /// Trust in the capture light, 0 to 1: the power of the change away from it [default: 1, of an estimate by its confidence]

@@ -1,17 +1,15 @@
 //! Completion of a panorama whose highlights are clipped: the shading of the capture shows how bright they were.
 //!
-//! What is clipped was at least as bright as it is shown. What it had beyond that is fitted like any light ([`super::fit`]), and a sun is looked for
+//! Clipped pixels were at least as bright as they are shown. What they had beyond that is fitted like any light ([`super::fit`]), and a sun is looked for
 //! where the panorama is clipped.
 
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::capture_environment::{clipped_radiance, is_clipped};
-use crate::color::luminance;
+use crate::color::{luminance, srgb_decode};
 use crate::environment::EnvironmentMap;
-
-/// Share of the largest value of a map from which on a pixel is clipped: compression leaves no flat top.
-const CLIPPED: f32 = 0.95;
+use crate::probe::CLIPPED;
 
 /// Radius of the disc that stands for a sun in a map, in degrees.
 const DRAWN_SUN: f64 = 2.0;
@@ -29,7 +27,7 @@ pub struct CompletedMap {
 
 /// Radiance from which on a map is clipped.
 pub(super) fn white_of(map: &EnvironmentMap) -> f32 {
-    CLIPPED * map.pixels().iter().flatten().copied().fold(0.0, f32::max)
+    srgb_decode(CLIPPED) * map.pixels().iter().flatten().copied().fold(0.0, f32::max)
 }
 
 /// Completes the clipped pixels of a map: by the logarithm of what is uncertain of them, and a sun's direction and energy.

@@ -24,12 +24,12 @@ pub(super) struct ExpectedLight {
     uncertain: [Vec<f64>; 3],
     /// Share of the fitted logarithm that what is certain takes.
     uncertainty: f64,
-    /// True where the rest of a capture shows some of it.
+    /// True where the rest of a capture or a panorama shows some of it.
     pub is_shown: bool,
     /// True where that has the unit of the photographs.
     pub has_unit: bool,
     /// Directions of what is uncertain, one for each of the bake's that has any; those with the largest share of the light come first.
-    pub clipped: Vec<Vec3>,
+    pub uncertain_directions: Vec<Vec3>,
     /// Mean of each fitted coefficient. `[SKY]`
     pub coefficients: Vec<f64>,
 }
@@ -43,7 +43,7 @@ impl ExpectedLight {
             uncertainty: 0.0,
             is_shown: false,
             has_unit: false,
-            clipped: Vec::new(),
+            uncertain_directions: Vec::new(),
             coefficients: vec![0.0; SKY],
         }
     }
@@ -103,17 +103,17 @@ impl ExpectedLight {
         }
     }
 
-    /// Light as the rest of a capture shows it.
+    /// Light as the rest of a capture or a panorama shows it.
     pub fn shown(shown: &CaptureEnvironment) -> Self {
         let directions = directions();
         let mut sums = vec![([[0f64; 3]; 2], 0f64); DIRECTIONS];
-        let mut clipped = vec![(Vec3::ZERO, 0f32); DIRECTIONS];
+        let mut toward = vec![(Vec3::ZERO, 0f32); DIRECTIONS];
         for (direction, omega, radiance) in shown.pixels() {
             let j = nearest_direction(&directions, direction);
             let (sum, weight) = &mut sums[j];
             let luminance = |v: [f32; 3]| omega as f32 * v.into_iter().sum::<f32>();
-            clipped[j].0 += luminance(radiance.uncertain) * direction;
-            clipped[j].1 += luminance(radiance.certain) + luminance(radiance.uncertain);
+            toward[j].0 += luminance(radiance.uncertain) * direction;
+            toward[j].1 += luminance(radiance.certain) + luminance(radiance.uncertain);
             for c in 0..3 {
                 sum[0][c] += omega * f64::from(radiance.certain[c]);
                 sum[1][c] += omega * f64::from(radiance.uncertain[c]);
@@ -129,12 +129,13 @@ impl ExpectedLight {
         for value in certain.iter_mut().flatten() {
             *value = value.max(LEAST_RADIANCE);
         }
-        clipped.retain(|(sum, _)| *sum != Vec3::ZERO);
+        toward.retain(|(sum, _)| *sum != Vec3::ZERO);
         let share = |(sum, all): &(Vec3, f32)| sum.length() / all;
-        clipped.sort_by(|a, b| share(b).total_cmp(&share(a)));
-        let clipped = clipped.into_iter().map(|(sum, _)| sum.normalize());
+        toward.sort_by(|a, b| share(b).total_cmp(&share(a)));
+        let each = toward.into_iter();
+        let uncertain_directions = each.map(|(sum, _)| sum.normalize());
         Self {
-            clipped: clipped.collect(),
+            uncertain_directions: uncertain_directions.collect(),
             certain,
             uncertain: std::array::from_fn(|c| mean(1, c)),
             uncertainty: f64::from(shown.uncertainty),
@@ -146,9 +147,9 @@ impl ExpectedLight {
 
     /// True where a sun may be: one that a panorama shows is clipped in it.
     pub fn may_hold_sun(&self, d: Vec3) -> bool {
-        let is_near = |clipped: &Vec3| clipped.angle_between(d).to_degrees() < SUN_WIDTH;
+        let is_near = |uncertain: &Vec3| uncertain.angle_between(d).to_degrees() < SUN_WIDTH;
         let is_whole = self.is_shown && self.uncertainty == 0.0;
-        !is_whole || self.clipped.iter().any(is_near)
+        !is_whole || self.uncertain_directions.iter().any(is_near)
     }
 
     /// Radiance towards one of the bake's directions, where the fitted logarithm is `log`, and its change with that.

@@ -12,7 +12,7 @@ use crate::sh::lattice;
 /// Directions in which the brightest part of the sky is looked for.
 const SEARCHED: usize = 2000;
 
-/// Directions in clipped parts of the light that are tried, and factors of the sky's energy there.
+/// Uncertain directions of a shown light that are tried, and factors of the sky's energy there.
 const TRIED: usize = 64;
 const STRONGER: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
 
@@ -40,7 +40,7 @@ pub(super) fn add_sun(
 ) -> Result<Option<Fitted>> {
     let noise = without.noise;
     let cost = |f: &Fitted| fit.cost(&f.light, &f.explained, noise);
-    let starts = begin(fit, &without.light, noise, bake);
+    let starts = starts(fit, &without.light, noise, bake);
     let mut found: Option<Fitted> = None;
     for (at, light) in starts.iter().enumerate() {
         let [from, to] = [at, at + 1].map(|at| at as f64 / starts.len() as f64);
@@ -64,8 +64,13 @@ pub(super) fn add_sun(
     Ok((after.is_finite() && before - after > worth).then_some(with))
 }
 
-/// A sun where the sky is brightest, or in the clipped part of a shown light where it explains most.
-fn begin(fit: &Fit<'_>, sky: &FittedLight, noise: f64, bake: &DirectionalBake) -> Vec<FittedLight> {
+/// Suns from which a fit starts: where the sky is brightest, and where a shown light is uncertain and a sun explains most.
+fn starts(
+    fit: &Fit<'_>,
+    sky: &FittedLight,
+    noise: f64,
+    bake: &DirectionalBake,
+) -> Vec<FittedLight> {
     let radiance: Vec<(Vec3, [f64; 3])> = lattice(SEARCHED)
         .into_iter()
         .map(|d| (d, fit.sky_radiance(sky, d)))
@@ -100,7 +105,12 @@ fn begin(fit: &Fit<'_>, sky: &FittedLight, noise: f64, bake: &DirectionalBake) -
             log_energy: energy_around(direction).map(f64::ln),
         }),
     };
-    let clipped = fit.expected.clipped.iter().take(TRIED).copied();
+    let uncertain = fit
+        .expected
+        .uncertain_directions
+        .iter()
+        .take(TRIED)
+        .copied();
     let stronger = |light: FittedLight| {
         STRONGER.into_iter().map(move |factor| {
             let mut light = light.clone();
@@ -110,7 +120,7 @@ fn begin(fit: &Fit<'_>, sky: &FittedLight, noise: f64, bake: &DirectionalBake) -
             light
         })
     };
-    let tried = clipped.flat_map(|d| stronger(shone(d)));
+    let tried = uncertain.flat_map(|d| stronger(shone(d)));
     let cost = |light: &FittedLight| fit.cost(light, &fit.explain(light), noise);
     let tried = tried.map(|light| (cost(&light), light));
     let best = tried.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, l)| l);

@@ -69,7 +69,7 @@ impl Project {
     pub fn is_baking_for_estimate(&self, at: usize) -> bool {
         let method = Method::Directional;
         let is_next = !self.is_bake_asked(at, method);
-        self.estimate_needs_bake(at)
+        self.capture_light_needs_bake(at)
             && (self.is_bake_awaited(at, method) || (is_next && self.is_baking(at)))
     }
 
@@ -95,7 +95,7 @@ impl Project {
         let is_requested = self.requested.bakes && self.is_used(at) && self.needs_own_bake(at);
         if is_requested && is_wanted(set) {
             self.bake(at, set, tr("the visibility"));
-        } else if self.estimate_needs_bake(at) {
+        } else if self.capture_light_needs_bake(at) {
             let is_next = !is_requested || self.states[at].bake_share(set) == 1.0;
             if is_wanted(for_estimate) && is_next {
                 self.bake(at, for_estimate, tr("the capture light"));

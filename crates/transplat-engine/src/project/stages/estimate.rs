@@ -18,7 +18,7 @@ use crate::project::{Project, Remedy};
 use crate::words::of_error;
 
 /// Columns at most of a panorama that is completed: its sun is still some pixels wide.
-const COMPARED_COLUMNS: usize = 4096;
+const MOST_COLUMNS: usize = 4096;
 
 /// For the user, where nobody told the light.
 pub const DROP_IT: &str =
@@ -36,7 +36,7 @@ impl Project {
     }
 
     /// True where a headless project makes nothing under an object's light yet, since it is being estimated.
-    pub(crate) fn waits_for_estimate(&self, at: usize) -> bool {
+    pub(crate) fn waits_for_capture_light(&self, at: usize) -> bool {
         if self.canvas.is_some() {
             return false;
         }
@@ -44,8 +44,8 @@ impl Project {
         (self.asks_for_estimate(at) && !is_estimated) || self.needs_completion(at)
     }
 
-    /// True where the estimate needs a bake.
-    pub(crate) fn estimate_needs_bake(&self, at: usize) -> bool {
+    /// True where an estimate or a completion of the capture light needs a bake.
+    pub(crate) fn capture_light_needs_bake(&self, at: usize) -> bool {
         let estimate = self.states[at].estimate.of(&self.is_isolated(at));
         (estimate.is_none() && self.asks_for_estimate(at)) || self.needs_completion(at)
     }
@@ -117,7 +117,7 @@ impl Project {
         let work = move |handle: &Handle<_>| {
             let report = |done| handle.progress(done);
             let (cloud, bake) = asset.under_capture_light(own, wanted.is_isolated)?;
-            let map = load_map(&raw)?.reduced(COMPARED_COLUMNS);
+            let map = load_map(&raw)?.reduced(MOST_COLUMNS);
             let to_asset = wanted.settings.map_from_asset(wanted.up).transpose();
             let unit = has_unit.then(|| wanted.settings.gain());
             let made = complete_light(cloud, &bake, &map, unit, to_asset, &report)?;

@@ -159,7 +159,7 @@ impl Project {
             return;
         }
         let mut members = self.members().into_iter();
-        if !self.requested.transfers || members.any(|at| self.waits_for_estimate(at)) {
+        if !self.requested.transfers || members.any(|at| self.waits_for_capture_light(at)) {
             return;
         }
         let key = self.inserted_key().zip(self.insertion.get().cloned());

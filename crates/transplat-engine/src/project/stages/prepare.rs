@@ -51,7 +51,7 @@ impl Project {
             || self.scene.transfer.method == Method::Directional;
         let is_requested = self.requested.transfers && self.is_used(at) && is_alone;
         let is_baked = self.is_baked_as_set(at, self.scene.transfer.method);
-        if !is_requested || !is_baked || self.waits_for_estimate(at) {
+        if !is_requested || !is_baked || self.waits_for_capture_light(at) {
             return;
         }
         let [_, target] = self.oriented_of(at);
