@@ -24,12 +24,44 @@ pub fn quantile(mut values: Vec<f32>, share: f32) -> Option<f32> {
 
 /// The value that a share of the weights lies below; none of no values.
 pub(crate) fn weighted_quantile(mut values: Vec<(f64, f64)>, share: f64) -> Option<f64> {
-    values.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let wanted = share * values.iter().map(|(_, w)| w).sum::<f64>();
-    let mut below = 0.0;
-    let at = values.iter().find(|(_, w)| {
-        below += w;
-        below >= wanted
-    });
-    at.or(values.last()).map(|(v, _)| *v)
+    let weight = |values: &[(f64, f64)]| values.iter().map(|(_, w)| w).sum::<f64>();
+    let mut wanted = share * weight(&values);
+    let mut left = &mut values[..];
+    while left.len() > 1 {
+        let (below, at, above) =
+            left.select_nth_unstable_by(left.len() / 2, |a, b| a.0.total_cmp(&b.0));
+        let weight_below = weight(below);
+        if weight_below >= wanted {
+            left = below;
+        } else if weight_below + at.1 >= wanted || above.is_empty() {
+            return Some(at.0);
+        } else {
+            wanted -= weight_below + at.1;
+            left = above;
+        }
+    }
+    left.first().map(|(v, _)| *v)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_weighted_quantile_is_the_first_value_that_reaches_its_share() {
+        let values: Vec<(f64, f64)> = (0..99)
+            .map(|i| (f64::from(i * 37 % 50), f64::from(i * 13 % 4)))
+            .collect();
+        let all: f64 = values.iter().map(|(_, w)| w).sum();
+        let up_to = |value: f64| -> f64 {
+            let below = values.iter().filter(|(v, _)| *v <= value);
+            below.map(|(_, w)| w).sum()
+        };
+        for share in [0.0, 0.1, 0.5, 0.9, 1.0] {
+            let found = weighted_quantile(values.clone(), share);
+            let reached = (0..50).map(f64::from).find(|v| up_to(*v) >= share * all);
+            assert_eq!(found, reached, "share {share}");
+        }
+        assert_eq!(weighted_quantile(Vec::new(), 0.5), None);
+    }
 }

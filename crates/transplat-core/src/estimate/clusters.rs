@@ -1,11 +1,13 @@
 //! Clusters of surfels that lie together and face one way: single surfels are too noisy.
 
 use std::collections::HashMap;
+use std::f64::consts::PI;
 
 use bytemuck::Zeroable;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::sky::nearest_direction;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::strata::{DIRECTIONS, STRATA, directions};
 use crate::nearest::Nearest;
@@ -88,6 +90,14 @@ impl Clusters {
     /// Number of clusters.
     pub fn len(&self) -> usize {
         self.mass.len()
+    }
+
+    /// Irradiance of each cluster by a sun of energy 1 that is as wide as the bake's directions are apart. `[c]`
+    pub fn seen_towards(&self, direction: Vec3) -> Vec<f64> {
+        let j = nearest_direction(&directions(), direction);
+        let per_energy = DIRECTIONS as f64 / (4.0 * PI);
+        let rows = self.seen.chunks_exact(DIRECTIONS);
+        rows.map(|row| per_energy * f64::from(row[j])).collect()
     }
 
     /// `radiance`: mean colour of both sides, `[n]`.

@@ -18,12 +18,12 @@ use crate::progress::{Progress, tell};
 use crate::settings::Method;
 use crate::sh::band_of;
 
-/// Turns at most, and the largest step that ends them.
+/// Turns at most, and the change of the logarithm of the irradiance (root of the mean square) that ends them.
 const TURNS: usize = 16;
-const SMALL_STEP: f64 = 1e-2;
+const SMALL_CHANGE: f64 = 3e-3;
 
 /// Longest step of one turn, in logarithms of light.
-const LONGEST_STEP: f64 = 1.5;
+pub(super) const LONGEST_STEP: f64 = 1.5;
 
 /// Weight of the prior that channels are alike over the prior that the light is even.
 const COUPLING: f64 = 3.0;
@@ -72,9 +72,9 @@ impl FittedLight {
     }
 
     /// Adds a step of all unknowns `[3][P]`, shortened where it is too long to trust.
-    pub fn change(&mut self, step: &DVector<f64>) {
+    pub fn change(&mut self, step: &DVector<f64>, longest: f64) {
         let p = self.unknowns();
-        let shorter = (LONGEST_STEP / step.amax()).min(1.0);
+        let shorter = (longest / step.amax()).min(1.0);
         for c in 0..3 {
             let of_sun = self.sun.as_mut().map(|s| &mut s.log_energy[c]);
             let values = self.sky[c].iter_mut().chain(of_sun);
@@ -94,6 +94,14 @@ impl FittedLight {
         let most = f64::from(MOST_LOG);
         log.map_or(0.0, |log| log.clamp(-most, most).exp())
     }
+}
+
+/// Irradiance of the clusters by a sky.
+#[derive(Clone)]
+pub(super) struct ExplainedSky {
+    /// Radiance over the bake's directions, and its change with the fitted logarithm. `[3][DIRECTIONS]`
+    radiance: [Vec<[f64; 2]>; 3],
+    direct: Vec<[f64; 3]>,
 }
 
 /// Explanation of the clusters by a light.
@@ -145,6 +153,19 @@ pub(super) struct Solved {
     factor: Cholesky<f64, Dyn>,
     /// Jacobian of the logarithm of the irradiance, by channel. `[P][c]`
     jacobian: Vec<DMatrix<f64>>,
+}
+
+impl Solved {
+    /// Root of the mean square, over clusters of some mass, by which the logarithm of the irradiance changes with the step.
+    fn change(&self, mass: &[f64]) -> f64 {
+        let each = self.jacobian.iter().enumerate().map(|(c, jacobian)| {
+            let p = jacobian.nrows();
+            let change = jacobian.tr_mul(&self.step.rows(c * p, p));
+            let each = change.iter().zip(mass);
+            each.map(|(v, m)| m * v * v).sum::<f64>()
+        });
+        (each.sum::<f64>() / 3.0).sqrt()
+    }
 }
 
 /// Where a fit ended.
@@ -209,46 +230,59 @@ impl<'a> Fit<'a> {
     }
 
     pub fn explain(&self, light: &FittedLight) -> Explained {
+        self.explain_with_sun(self.explain_sky(&light.sky), light)
+    }
+
+    /// Irradiance by a sky alone.
+    pub fn explain_sky(&self, sky: &[Vec<f64>; 3]) -> ExplainedSky {
         let clusters = self.clusters;
-        let n = clusters.len();
-        let mut mean_radiance = [0.0; 3];
-        let mut direct = vec![[0.0; 3]; n];
-        let mut radiance: [Vec<[f64; 2]>; 3] = Default::default();
-        for c in 0..3 {
-            let energy = light.sun_energy(c);
-            let mut sky: Vec<[f64; 2]> = (0..DIRECTIONS)
-                .map(|j| {
-                    let basis = self.basis.column(j);
-                    let each = light.sky[c].iter().zip(basis.iter());
-                    let log: f64 = each.map(|(y, b)| y * f64::from(*b)).sum();
-                    self.expected.radiance(c, j, log)
-                })
-                .collect();
-            let sum: f64 = sky.iter().map(|r| r[0]).sum();
-            let mean = || sum / DIRECTIONS as f64 + energy / (4.0 * PI);
-            let mean = match self.unit {
-                Unit::Mean(tint) => mean() / tint[c],
-                Unit::Known(unit) => unit[c],
+        let radiance: [Vec<[f64; 2]>; 3] = std::array::from_fn(|c| {
+            let towards = |j: usize| {
+                let basis = self.basis.column(j);
+                let each = sky[c].iter().zip(basis.iter());
+                let log: f64 = each.map(|(y, b)| y * f64::from(*b)).sum();
+                self.expected.radiance(c, j, log)
             };
+            (0..DIRECTIONS).map(towards).collect()
+        });
+        let rows = clusters.seen.par_chunks_exact(DIRECTIONS);
+        let direct = rows.map(|row| {
+            std::array::from_fn(|c| {
+                let each = row.iter().zip(&radiance[c]);
+                each.map(|(s, r)| f64::from(*s) * r[0]).sum()
+            })
+        });
+        ExplainedSky {
+            direct: direct.collect(),
+            radiance,
+        }
+    }
+
+    /// Explanation by a light whose sky is explained already.
+    pub fn explain_with_sun(&self, sky: ExplainedSky, light: &FittedLight) -> Explained {
+        let clusters = self.clusters;
+        let ExplainedSky {
+            mut radiance,
+            mut direct,
+        } = sky;
+        let energy = [0, 1, 2].map(|c| light.sun_energy(c));
+        let mean_radiance: [f64; 3] = std::array::from_fn(|c| match self.unit {
+            Unit::Mean(tint) => {
+                let sky: f64 = radiance[c].iter().map(|r| r[0]).sum();
+                (sky / DIRECTIONS as f64 + energy[c] / (4.0 * PI)) / tint[c]
+            }
+            Unit::Known(unit) => unit[c],
+        });
+        for (sky, mean) in radiance.iter_mut().zip(mean_radiance) {
             for r in sky.iter_mut().flatten() {
                 *r /= mean;
             }
-            let rows = clusters.seen.par_chunks_exact(DIRECTIONS);
-            direct
-                .par_iter_mut()
-                .zip(rows)
-                .enumerate()
-                .for_each(|(i, (d, row))| {
-                    let sum: f64 = row
-                        .iter()
-                        .zip(&sky)
-                        .map(|(s, r)| f64::from(*s) * r[0])
-                        .sum();
-                    let sun = light.sun.as_ref().map_or(0.0, |s| s.seen[i] * energy);
-                    d[c] = sum + sun / mean;
-                });
-            mean_radiance[c] = mean;
-            radiance[c] = sky;
+        }
+        for (i, direct) in direct.iter_mut().enumerate() {
+            let seen = light.sun.as_ref().map_or(0.0, |s| s.seen[i]);
+            for c in 0..3 {
+                direct[c] = (direct[c] + seen * energy[c]) / mean_radiance[c];
+            }
         }
         let strength = self
             .strength
@@ -381,16 +415,23 @@ impl<'a> Fit<'a> {
         misfit + prior + 0.5 * too_weak * too_weak
     }
 
-    /// Goes on from a light until nothing changes any more.
+    /// Goes on from a light until the irradiance hardly changes any more.
     pub fn run(&self, mut light: FittedLight, progress: Progress<'_>) -> Result<Fitted> {
         let mut turn = 0;
+        let mut longest = LONGEST_STEP;
+        let mut last_change = f64::INFINITY;
         loop {
             tell(progress, turn as f64 / TURNS as f64)?;
             let explained = self.explain(&light);
             let noise = self.noise(&explained);
             let solved = self.solve(&light, &explained, noise);
-            let is_last = |s: &Solved| turn == TURNS || s.step.amax() < SMALL_STEP;
-            let Some(Solved { step, .. }) = solved.as_ref().filter(|s| !is_last(s)) else {
+            let change = solved
+                .as_ref()
+                .map_or(0.0, |s| s.change(&self.clusters.mass));
+            let Some(Solved { step, .. }) = solved
+                .as_ref()
+                .filter(|_| turn < TURNS && change > SMALL_CHANGE)
+            else {
                 // Only numbers that are none have no solution: what was found so far is kept.
                 let open = solved.map_or(f64::INFINITY, |s| self.open(&s));
                 return Ok(Fitted {
@@ -400,7 +441,12 @@ impl<'a> Fit<'a> {
                     open,
                 });
             };
-            light.change(step);
+            if change > last_change {
+                // It jumps to and fro across what it looks for.
+                longest = 0.5 * step.amax().min(longest);
+            }
+            light.change(step, longest);
+            last_change = change;
             turn += 1;
         }
     }
@@ -476,20 +522,22 @@ impl<'a> Fit<'a> {
             .into_par_iter()
             .map(|c| {
                 let j = &jacobian[c];
-                let (mut weighed, mut residual) =
-                    (DMatrix::zeros(p, j.ncols()), DVector::zeros(j.ncols()));
+                let columns = j.as_slice();
+                let mut weighed = vec![0.0; columns.len()];
+                let mut residual = DVector::zeros(j.ncols());
                 for (pair, (d, _)) in self.pairs.iter().zip(&differences) {
                     let w = pair.weight[c] / (noise + d);
                     let [a, b] = pair.of.map(|k| k as usize);
                     let r = w * (explained.residual[a][c] - explained.residual[b][c]);
                     residual[a] += r;
                     residual[b] -= r;
-                    let (from, to) = (j.column(a), j.column(b));
-                    weighed.column_mut(a).axpy(w, &from, 1.0);
-                    weighed.column_mut(a).axpy(-w, &to, 1.0);
-                    weighed.column_mut(b).axpy(-w, &from, 1.0);
-                    weighed.column_mut(b).axpy(w, &to, 1.0);
+                    for (a, b) in (a * p..(a + 1) * p).zip(b * p..) {
+                        let change = w * (columns[a] - columns[b]);
+                        weighed[a] += change;
+                        weighed[b] -= change;
+                    }
                 }
+                let weighed = DMatrixView::from_slice(&weighed, p, j.ncols());
                 (j * weighed.transpose(), j * residual)
             })
             .collect();

@@ -1,6 +1,6 @@
 //! Strength and tint of the capture light by bounced light, averaged with what is white and with grey.
 
-use super::fit::{Fit, FittedLight, Unit};
+use super::fit::{Fit, FittedLight, LONGEST_STEP, Unit};
 use super::white::WHITE_SD;
 use crate::error::Result;
 use crate::progress::{Progress, tell};
@@ -50,7 +50,7 @@ pub(super) fn find(
         let mut light = light.clone();
         for _ in 0..TURNS {
             if let Some(solved) = near.solve(&light, &near.explain(&light), noise) {
-                light.change(&solved.step);
+                light.change(&solved.step, LONGEST_STEP);
             }
         }
         costs[i] = near.cost(&light, &near.explain(&light), noise);

@@ -1,6 +1,7 @@
 //! Sun estimate: a sky alone cannot cast crisp shadows.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::clusters::{Clusters, NONE};
 use super::fit::{Fit, Fitted, FittedLight, FittedSun};
@@ -97,34 +98,38 @@ fn starts(
         .sky
         .clone()
         .map(|s| s.iter().map(|y| LEFT * y).collect());
-    let shone = |direction: Vec3| FittedLight {
+    let shone = |direction: Vec3, seen: Vec<f64>| FittedLight {
         sky: shaded.clone(),
         sun: Some(FittedSun {
             direction,
-            seen: seen(fit.clusters, direction, bake),
+            seen,
             log_energy: energy_around(direction).map(f64::ln),
         }),
     };
-    let uncertain = fit
-        .expected
-        .uncertain_directions
-        .iter()
-        .take(TRIED)
-        .copied();
-    let stronger = |light: FittedLight| {
+    let explained = fit.explain_sky(&shaded);
+    let uncertain = fit.expected.uncertain_directions.par_iter().take(TRIED);
+    let tried = uncertain.flat_map_iter(|direction| {
+        let light = shone(*direction, fit.clusters.seen_towards(*direction));
+        let explained = &explained;
         STRONGER.into_iter().map(move |factor| {
             let mut light = light.clone();
             for log in light.sun.iter_mut().flat_map(|sun| &mut sun.log_energy) {
                 *log += f64::ln(factor);
             }
-            light
+            let explained = fit.explain_with_sun(explained.clone(), &light);
+            (fit.cost(&light, &explained, noise), light)
         })
-    };
-    let tried = uncertain.flat_map(|d| stronger(shone(d)));
-    let cost = |light: &FittedLight| fit.cost(light, &fit.explain(light), noise);
-    let tried = tried.map(|light| (cost(&light), light));
-    let best = tried.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, l)| l);
-    [shone(brightest)].into_iter().chain(best).collect()
+    });
+    let best = tried
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, mut light)| {
+            if let Some(sun) = &mut light.sun {
+                sun.seen = seen(fit.clusters, sun.direction, bake);
+            }
+            light
+        });
+    let at_brightest = shone(brightest, seen(fit.clusters, brightest, bake));
+    [at_brightest].into_iter().chain(best).collect()
 }
 
 /// The sun turned to where it explains more, by a step's angle in degrees.
@@ -135,7 +140,11 @@ fn turn(
     noise: f64,
     bake: &DirectionalBake,
 ) -> FittedLight {
-    let cost = |light: &FittedLight| fit.cost(light, &fit.explain(light), noise);
+    let sky = fit.explain_sky(&light.sky);
+    let cost = |light: &FittedLight| {
+        let explained = fit.explain_with_sun(sky.clone(), light);
+        fit.cost(light, &explained, noise)
+    };
     let Some(middle) = light.sun.as_ref().map(|s| s.direction) else {
         return light;
     };
