@@ -299,11 +299,11 @@ pub fn complete_light(
     let shown = shown.tinted(unit.unwrap_or([1.0; 3]));
     let (found, strength) = estimate_with_strength(cloud, bake, Some(&shown), progress)?;
     // Where bounced light explains all there is, the fit has no strength to find: the panorama stays as it is expected.
-    let (found, strength) = match PLAUSIBLE_EXPOSURES.contains(&strength) {
-        true => (found, strength),
-        false => (Estimate::shown(&shown), 1.0),
+    let (found, exposure) = match (shown.has_unit, PLAUSIBLE_EXPOSURES.contains(&strength)) {
+        (true, _) => (found, None),
+        (false, true) => (found, Some(strength as f32)),
+        (false, false) => (Estimate::shown(&shown), None),
     };
-    let exposure = if shown.has_unit { 1.0 } else { strength as f32 };
     let unit = unit.unwrap_or([1.0; 3]);
     let light = &found.light;
     let sun = light.sun.map(|(toward, energy)| {

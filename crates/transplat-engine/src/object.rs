@@ -236,8 +236,8 @@ pub struct CompletedLight {
     pub light: Arc<Environment>,
     /// All of its light over that of the file's, at the same exposure.
     pub gain: f32,
-    /// Factor of its exposure.
-    pub exposure: f32,
+    /// Factor of its exposure, where the shading shows it and nobody set it.
+    pub exposure: Option<f32>,
 }
 
 /// All that a comparison of a user-set capture light with the object depends on: the light and the bake by their versions.

@@ -21,8 +21,8 @@ pub struct CompletedMap {
     pub map: EnvironmentMap,
     /// All of its light over that of the clipped one, at the same exposure.
     pub gain: f32,
-    /// Factor of its exposure; 1 where its unit is known.
-    pub exposure: f32,
+    /// Factor of its exposure; none where its unit is known, or where the shading does not show it.
+    pub exposure: Option<f32>,
 }
 
 /// Radiance from which on a map is clipped.
@@ -36,19 +36,20 @@ pub(super) fn completed(
     white: f32,
     log: &(dyn Fn(Vec3) -> [f32; 3] + Sync),
     sun: Option<(Vec3, [f32; 3])>,
-    exposure: f32,
+    exposure: Option<f32>,
     to_asset: DMat3,
 ) -> CompletedMap {
     let direction = |i: usize| {
         let d = map.direction(i % map.width(), i / map.width());
         (to_asset * DVec3::from_array(d)).as_vec3()
     };
+    let factor = exposure.unwrap_or(1.0);
     let radiance = |(i, pixel): (usize, &[f32; 3])| {
         let radiance = match is_clipped(*pixel, white) {
             true => clipped_radiance(*pixel).changed(log(direction(i)), 0.0),
             false => *pixel,
         };
-        radiance.map(|v| exposure * v)
+        radiance.map(|v| factor * v)
     };
     let pixels = map.pixels().par_iter().enumerate();
     let mut pixels: Vec<[f32; 3]> = pixels.map(radiance).collect();
@@ -60,7 +61,7 @@ pub(super) fn completed(
         let each = pixels.iter().enumerate();
         each.map(|(i, p)| omega(i) * f64::from(luminance(*p))).sum()
     };
-    let shown = f64::from(exposure) * light(map.pixels());
+    let shown = f64::from(factor) * light(map.pixels());
     CompletedMap {
         gain: (light(&pixels) / shown.max(f64::MIN_POSITIVE)) as f32,
         map: map.with_pixels(pixels),

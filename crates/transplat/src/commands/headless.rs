@@ -247,10 +247,12 @@ impl Headless {
             if let Some(completed) = self.shots.project.completed_source(at) {
                 summary.set("source_completed_gain", completed.gain);
                 summary.set("source_completed_exposure", completed.exposure);
+                let exposure = completed.exposure.map(f32::log2);
+                let exposure = exposure.map(|stops| format!(", exposure {stops:+.1} stops"));
                 summary.note(format!(
-                    "the clipped highlights of the capture light are completed from the shading: {:.1} times as much light in all, exposure {:+.1} stops",
+                    "the clipped highlights of the capture light are completed from the shading: {:.1} times as much light in all{}",
                     completed.gain,
-                    completed.exposure.log2()
+                    exposure.unwrap_or_default()
                 ));
             }
             let estimate = state.estimate.get();

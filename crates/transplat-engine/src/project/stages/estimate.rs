@@ -132,15 +132,19 @@ impl Project {
                 return;
             };
             let is_first = project.states[at].completed.get().is_none();
-            let (gain, stops) = (completed.gain, completed.exposure.log2());
+            let (gain, stops) = (completed.gain, completed.exposure.map(f32::log2));
             if project.states[at].completed.accept(key, completed) && is_first {
-                let text = match has_unit {
-                    true => tr_format!(
+                let text = match stops {
+                    None if !has_unit => tr_format!(
+                        "The shading of {} does not show how bright its capture light was. Set its strength by hand.",
+                        project.called(at)
+                    ),
+                    None => tr_format!(
                         "The clipped highlights of the capture light are completed from the shading of {name}: {gain:.1} times as much light in all.",
                         name = project.called(at),
                         gain = gain
                     ),
-                    false => tr_format!(
+                    Some(stops) => tr_format!(
                         "The clipped highlights of the capture light are completed from the shading of {name}: {gain:.1} times as much light in all. Its exposure is set, too ({stops:+.1} stops).",
                         name = project.called(at),
                         gain = gain,
