@@ -1,12 +1,13 @@
 //! Annotations over the image: names of the sides, legends, the crop box.
 
-use eframe::egui::{self, Align2, Color32, Painter, Pos2, Rect, Stroke, Ui};
+use eframe::egui::{self, Align2, Color32, Painter, Pos2, Rect, Shape, Stroke, Ui};
 use glam::Vec3;
 use transplat_core::camera::Camera;
 use transplat_core::present::{
     FALSE_COLORS, LowConfidence, NO_DOUBT, View, emission_color, tau_colors,
 };
 
+use super::projection::{HELD, Screen};
 use super::session::Session;
 use transplat_engine::language::{tr, tr_format};
 
@@ -15,6 +16,12 @@ const LEGEND_LINE: f32 = 18.0;
 
 /// Width of a legend in points.
 const LEGEND_WIDTH: f32 = 250.0;
+
+/// Ends of the capture light's arrow, in radii of the object from its middle.
+const ARROW: [f32; 2] = [1.35, 0.85];
+
+/// Points between an arrow and the edge of the picture.
+const MARGIN: f32 = 34.0;
 
 /// Names the sides of a comparison, and explains colours that are none of light.
 pub fn annotate(ui: &Ui, rect: Rect, session: &Session, view: View) {
@@ -185,6 +192,46 @@ pub fn draw_crop_box(ui: &Ui, rect: Rect, session: &Session, camera: &Camera) {
             }
         }
     }
+}
+
+/// Arrow at the selected object from where the brightest part of its capture light shone.
+pub fn draw_capture_light(ui: &Ui, session: &Session, screen: Screen<'_>) {
+    let toward = session.project.brightest_of_capture(session.selected);
+    let is_shown = session.overlays.capture_light && session.object().shown;
+    let (Some(asset), Some(toward), true) = (session.asset(), toward, is_shown) else {
+        return;
+    };
+    let place = session.object().transform.scene_from_object();
+    let bounds = asset.bounds.transformed(place);
+    let ends = ARROW.map(|radii| screen.at(bounds.center + radii * bounds.radius * toward));
+    let [Some(tail), Some(tip)] = ends else {
+        return;
+    };
+    // All of it is in the picture, however near the camera is.
+    let inside = screen.part.shrink(MARGIN);
+    let from_tip = tail - tip;
+    let fits = |share: &f32| inside.contains(tip + *share * from_tip);
+    let share = (1..=20).rev().map(|i| i as f32 / 20.0).find(fits);
+    let tail = tip + share.unwrap_or(1.0) * from_tip;
+    let painter = ui.painter_at(screen.part);
+    painter.line_segment([tail, tip], Stroke::new(2.0, HELD));
+    let (back, side) = (
+        12.0 * from_tip.normalized(),
+        5.0 * from_tip.normalized().rot90(),
+    );
+    let head = vec![tip, tip + back + side, tip + back - side];
+    painter.add(Shape::convex_polygon(head, HELD, Stroke::NONE));
+    painter.circle_filled(tail, 5.0, HELD);
+    let (anchor, aside) = match tail.x < inside.center().x {
+        true => (Align2::RIGHT_CENTER, -14.0),
+        false => (Align2::LEFT_CENTER, 14.0),
+    };
+    tag(
+        &painter,
+        tail + egui::vec2(aside, 0.0),
+        anchor,
+        tr("capture light"),
+    );
 }
 
 /// A ring around the surfel that is inspected.

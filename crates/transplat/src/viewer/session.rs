@@ -98,6 +98,8 @@ pub struct Overlays {
     /// Handles on lights of one's own, where the panel is about them; and whether it is.
     pub light_handles: bool,
     pub lights: bool,
+    /// Arrow of the capture light, where the panel is about that.
+    pub capture_light: bool,
     pub marks: bool,
     pub grid: bool,
 }
@@ -108,6 +110,7 @@ impl Default for Overlays {
             handles: true,
             light_handles: true,
             lights: false,
+            capture_light: false,
             marks: false,
             grid: false,
         }

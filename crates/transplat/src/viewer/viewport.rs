@@ -8,7 +8,7 @@ use transplat_core::present::View;
 use transplat_core::rasterize::{Pick, pick};
 use transplat_core::surfels::UpAxis;
 
-use super::annotations::{annotate, draw_crop_box, mark_surfel, tag};
+use super::annotations::{annotate, draw_capture_light, draw_crop_box, mark_surfel, tag};
 use super::gestures::{DragStep, Gesture, Gestures, NavigationPreset, Press};
 use super::gizmo::{Gizmo, KeyedTransform};
 use super::light_handles::LightHandles;
@@ -202,6 +202,14 @@ impl Viewport {
             parts.dedup();
             for part in parts {
                 draw_crop_box(ui, part, session, &camera);
+                draw_capture_light(
+                    ui,
+                    session,
+                    Screen {
+                        camera: &camera,
+                        part,
+                    },
+                );
                 mark_surfel(ui, part, session, &camera, self.inspected(session));
             }
         }

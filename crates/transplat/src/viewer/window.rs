@@ -111,6 +111,7 @@ impl eframe::App for Viewer {
         let has_light_page = self.shown.panels && self.preferences.tab == Tab::Light;
         let page = has_light_page.then_some(self.shown.light);
         overlays.lights = page == Some(LightPage::Lights) && overlays.light_handles;
+        overlays.capture_light = page == Some(LightPage::CapturedUnder);
         let placing = &mut self.viewport.placing;
         *placing = placing.filter(|way| Some(way.page()) == page);
         egui::CentralPanel::no_frame().show(ui, |ui| {
