@@ -63,6 +63,7 @@ pub mod response;
 pub mod scene;
 pub mod settings;
 pub mod sh;
+pub mod support;
 pub mod surfels;
 pub mod synthetic;
 pub mod transfer;

@@ -20,7 +20,7 @@ use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
 
 pub use animation::{Animation, Ease, LONGEST, LightKey, MOST_FRAMES, MOST_KEYS};
-pub use cut::{Cut, FARTHEST, Keep, MOST_CUTS, kept};
+pub use cut::{Cut, FARTHEST, Keep, MOST_CUTS, Support, kept};
 pub use light::{
     ESTIMATE, EVEN, EnvironmentLight, SKY, STOPS, is_estimate, is_even, is_file, is_sky, wrap,
 };

@@ -201,7 +201,7 @@ impl CutPart {
 /// # Errors
 /// None of them are left.
 pub fn part_of(asset: &Path, object: &Object, whole: &SurfelCloud) -> Result<Arc<[usize]>> {
-    let surfels = kept(&object.cut, &whole.positions).unwrap_or_default();
+    let surfels = kept(&object.cut, whole).unwrap_or_default();
     if surfels.is_empty() {
         let places = || whole.positions.iter().copied();
         let [low, high] = [Vec3::min, Vec3::max].map(|end| {

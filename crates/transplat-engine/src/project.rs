@@ -85,6 +85,8 @@ pub enum Remedy {
     Estimate,
     /// Rotates the capture light of the object to where it explains the shading.
     Align,
+    /// Removes what is left of what an object that is cut out stood on.
+    RemoveResidue,
 }
 
 impl Remedy {
@@ -97,6 +99,7 @@ impl Remedy {
             Self::Unlock => tr("Unlock"),
             Self::Estimate => tr("Estimate again"),
             Self::Align => tr("Rotate it"),
+            Self::RemoveResidue => tr("Remove it"),
         }
     }
 }
@@ -371,6 +374,7 @@ impl Project {
             Remedy::ResetScale => self.scale_about_middle(at, 1.0),
             Remedy::Unlock => self.scene.objects[at].locked = false,
             Remedy::Estimate => self.estimate_again(at),
+            Remedy::RemoveResidue => self.remove_residue(at, true),
             Remedy::Align => {
                 self.align_source(at);
             }

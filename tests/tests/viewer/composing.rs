@@ -14,6 +14,7 @@ use transplat_core::scene::{Scene, Transform};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::synthetic;
+use transplat_engine::project::Remedy;
 use transplat_tests::driver::Driver;
 use transplat_tests::{Folder, args, asset, picture, psnr, run_json};
 
@@ -610,6 +611,36 @@ fn what_is_cut_out_stays_as_it_was_until_it_is_moved_and_is_put_back_by_undo() {
     assert_eq!(d.viewer().session.project.states.len(), 1);
     let messages = &d.viewer().session.messages;
     assert!(messages.iter().all(|m| !m.is_error), "{messages:?}");
+}
+
+/// A box that ends below the surface of a plate: what is left of that is offered, goes to the rest, and comes back.
+#[test]
+fn residue_of_a_support_goes_to_the_rest() {
+    let mut d = one_capture();
+    let bounds = d.viewer().session.asset().expect("a splat").bounds;
+    let corner = |c: Vec3| (c - bounds.center) / bounds.radius;
+    d.after(|v| {
+        let hide = &mut v.session.object_mut().hide;
+        hide.crop = true;
+        hide.crop_min = corner(Vec3::new(-0.6, -0.6, -0.05));
+        hide.crop_max = corner(Vec3::new(0.6, 0.6, 1.3));
+        v.session.project.cut_out(v.session.selected);
+    });
+    let counts = |d: &mut Driver| {
+        let states = &d.viewer().session.project.states;
+        let of = |at: usize| states[at].asset.as_ref().map_or(0, |a| a.cloud.len());
+        [of(0), of(1)]
+    };
+    let [rest, part] = counts(&mut d);
+    assert!(part > 600, "{part}");
+    let offer = |d: &mut Driver| d.viewer().session.messages.iter().find_map(|m| m.offer);
+    let (_, remedy) = offer(&mut d).expect("an offer");
+    assert_eq!(remedy, Remedy::RemoveResidue);
+    d.after(|v| v.session.project.apply_remedy(1, remedy));
+    assert_eq!(counts(&mut d), [rest + part - 600, 600]);
+    assert_eq!(d.viewer().session.project.is_residue_removed(1), Some(true));
+    d.after(|v| v.session.project.remove_residue(1, false));
+    assert_eq!(counts(&mut d), [rest, part]);
 }
 
 /// Splats that are named or dropped together are one scene, beside each other.

@@ -26,7 +26,7 @@ use crate::surfels::{SurfelFilter, UpAxis};
 /// The version of looks that this program writes; it reads all up to it.
 const LOOK_VERSION: u32 = 7;
 
-/// The version of those whose splats have no camera response other than sRGB, and whose capture lights have no user-set trust.
+/// The version of those whose splats have no camera response other than sRGB, whose capture lights have no user-set trust, and whose cuts have no support.
 const VERSION_WITHOUT_RESPONSE: u32 = 6;
 
 /// The version of those that name neither a layer of a light's file nor a cube below each other, and none of whose splats has an origin.
@@ -150,9 +150,10 @@ impl Look {
         let is_read_anew =
             is_read_anew(&scene) || scene.variants.iter().any(|v| is_read_anew(&v.look));
         let mut objects = scene.objects;
-        let has_response = objects
-            .iter()
-            .any(|o| !o.response.is_default() || o.source.trust.is_some());
+        let has_response = objects.iter().any(|o| {
+            let has_support = o.cut.iter().any(|cut| cut.support.is_some());
+            !o.response.is_default() || o.source.trust.is_some() || has_support
+        });
         let is_one = objects.len() == 1 && objects[0].is_where_it_was_captured();
         let one = objects.pop_if(|_| is_one);
         let of_one = one.clone().unwrap_or_default();

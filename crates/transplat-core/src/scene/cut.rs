@@ -4,6 +4,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Result, ensure};
+use crate::surfels::{SurfelCloud, UpAxis};
 
 /// Largest distance of a place from the origin, on each axis.
 pub const FARTHEST: f32 = 1e12;
@@ -21,6 +22,32 @@ pub struct Cut {
     pub min: Vec3,
     /// Greatest corner.
     pub max: Vec3,
+    /// Support of what is inside: what is left of that in the box counts as outside.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub support: Option<Support>,
+}
+
+/// Opacity below which a surfel over a support is residue of it.
+const FAINT: f32 = 0.9;
+
+/// A flat support, as a desk or the ground, that an object stands on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Support {
+    /// Axis of the splat's own coordinates that heights are along.
+    pub up: UpAxis,
+    /// Height of its surface: what lies below belongs to it.
+    pub height: f32,
+    /// Height up to which faint surfels belong to it, too.
+    pub faint_up_to: f32,
+}
+
+impl Support {
+    /// True for a surfel of the support, by its place and opacity.
+    pub fn holds(&self, position: Vec3, opacity: f32) -> bool {
+        let height = position.dot(self.up.direction());
+        height < self.height || (height < self.faint_up_to && opacity < FAINT)
+    }
 }
 
 /// A side of a box.
@@ -34,9 +61,11 @@ pub enum Keep {
 }
 
 impl Cut {
-    /// True for a surfel of the object by its place: one is on either side of a box, never on both.
-    pub fn keeps(&self, position: Vec3) -> bool {
-        let is_inside = position.cmpge(self.min).all() && position.cmple(self.max).all();
+    /// True for a surfel of the object by its place and opacity: one is on either side of a cut, never on both.
+    pub fn keeps(&self, position: Vec3, opacity: f32) -> bool {
+        let is_in_box = position.cmpge(self.min).all() && position.cmple(self.max).all();
+        let of_support = self.support.is_some_and(|s| s.holds(position, opacity));
+        let is_inside = is_in_box && !of_support;
         is_inside == (self.keep == Keep::Inside)
     }
 
@@ -53,24 +82,30 @@ impl Cut {
 
     pub(super) fn validate(&self) -> Result<()> {
         let is_place = |p: Vec3| p.abs().max_element() <= FARTHEST;
-        let good = is_place(self.min) && is_place(self.max) && self.min.cmple(self.max).all();
+        let heights = self.support.iter().flat_map(|s| [s.height, s.faint_up_to]);
+        let good = is_place(self.min)
+            && is_place(self.max)
+            && self.min.cmple(self.max).all()
+            && heights.into_iter().all(|h| h.abs() <= FARTHEST);
         ensure(good, || {
             format!(
-                "cut: two corners of three numbers up to {FARTHEST:e} are expected, min not above max"
+                "cut: two corners of three numbers up to {FARTHEST:e} are expected, min not above max, and heights up to that"
             )
         })
     }
 }
 
-/// Indices of the places that all cuts keep; none where nothing is cut.
-pub fn kept(cuts: &[Cut], positions: &[Vec3]) -> Option<Vec<usize>> {
-    let is_kept = |i: &usize| cuts.iter().all(|cut| cut.keeps(positions[*i]));
-    (!cuts.is_empty()).then(|| (0..positions.len()).filter(is_kept).collect())
+/// Indices of the surfels that all cuts keep; none where nothing is cut.
+pub fn kept(cuts: &[Cut], cloud: &SurfelCloud) -> Option<Vec<usize>> {
+    let keeps = |cut: &Cut, i: usize| cut.keeps(cloud.positions[i], cloud.opacities[i]);
+    let is_kept = |i: &usize| cuts.iter().all(|cut| keeps(cut, *i));
+    (!cuts.is_empty()).then(|| (0..cloud.len()).filter(is_kept).collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::synthetic;
 
     #[test]
     fn each_surfel_is_on_one_side_of_a_box() {
@@ -78,6 +113,7 @@ mod tests {
             keep: Keep::Inside,
             min: Vec3::new(-1.0, 0.0, 2.0),
             max: Vec3::new(1.0, 0.5, 2.0),
+            support: None,
         };
         let places = [
             Vec3::new(1.0, 0.5, 2.0),
@@ -85,7 +121,9 @@ mod tests {
             Vec3::new(0.0, 0.2, 2.1),
             Vec3::new(f32::NAN, 0.2, 2.0),
         ];
-        let of = |cuts: &[Cut]| kept(cuts, &places);
+        let mut cloud = synthetic::sphere(places.len());
+        cloud.positions = places.to_vec();
+        let of = |cuts: &[Cut]| kept(cuts, &cloud);
         assert_eq!(of(&[]), None);
         assert_eq!(of(&[cut]), Some(vec![0, 1]));
         assert_eq!(of(&[cut.inverse()]), Some(vec![2, 3]));
@@ -93,10 +131,41 @@ mod tests {
     }
 
     #[test]
+    fn what_is_left_of_a_support_is_on_the_other_side() {
+        let cut = Cut {
+            keep: Keep::Inside,
+            min: Vec3::splat(-1.0),
+            max: Vec3::ONE,
+            support: Some(Support {
+                up: UpAxis::MinusY,
+                height: -0.5,
+                faint_up_to: 0.0,
+            }),
+        };
+        // Heights -0.6, -0.4 and 0.1.
+        for (y, opacity, keeps) in [
+            (0.6, 1.0, false),
+            (0.4, 0.8, false),
+            (0.4, 0.95, true),
+            (-0.1, 0.1, true),
+        ] {
+            let place = Vec3::new(0.0, y, 0.0);
+            assert_eq!(cut.keeps(place, opacity), keeps, "{y} {opacity}");
+            assert_eq!(cut.inverse().keeps(place, opacity), !keeps);
+        }
+    }
+
+    #[test]
     fn boxes_that_are_none_are_refused() {
         let cut = |min, max| {
             let keep = Keep::Outside;
-            Cut { keep, min, max }.validate().is_ok()
+            let cut = Cut {
+                keep,
+                min,
+                max,
+                support: None,
+            };
+            cut.validate().is_ok()
         };
         assert!(cut(Vec3::ZERO, Vec3::ONE) && cut(Vec3::ONE, Vec3::ONE));
         assert!(!cut(Vec3::ONE, Vec3::ZERO) && !cut(Vec3::NAN, Vec3::ONE));

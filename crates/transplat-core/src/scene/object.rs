@@ -277,6 +277,7 @@ mod tests {
             keep: crate::scene::Keep::Inside,
             min: far.as_vec3(),
             max: far.as_vec3() + 2.0,
+            support: None,
         });
         scene.objects.push(Object {
             transform: Transform {

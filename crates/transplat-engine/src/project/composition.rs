@@ -8,6 +8,7 @@ use transplat_core::numeric::quantile;
 use transplat_core::scene::{
     Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, SCALES, Transform,
 };
+use transplat_core::support::support_of;
 use transplat_core::surfels::{Bounds, SurfelFilter, UpAxis};
 
 use crate::language::{tr, tr_format};
@@ -291,8 +292,10 @@ impl Project {
             keep: Keep::Inside,
             min: corner(object.hide.crop_min),
             max: corner(object.hide.crop_max),
+            support: None,
         };
-        let is_inside = |i: &usize| cut.keeps(asset.cloud.positions[*i]);
+        let cloud = &asset.cloud;
+        let is_inside = |i: &usize| cut.keeps(cloud.positions[*i], cloud.opacities[*i]);
         let (inside, outside): (Vec<usize>, Vec<usize>) =
             (0..asset.cloud.len()).partition(is_inside);
         if inside.is_empty() || outside.is_empty() {
@@ -331,11 +334,52 @@ impl Project {
             };
             part
         };
+        let has_residue = support_of(cloud, &cut, self.up_of(at)).is_some();
         let called = name_of(object, &asset.path);
         let mut taken = part(cut, &inside);
         taken.name = Some(tr_format!("{called}, cut out", called = called));
         self.scene.objects[at] = part(cut.inverse(), &outside);
         self.add(taken);
+        if has_residue {
+            let at = self.scene.objects.len() - 1;
+            let text = tr_format!(
+                "Some of what {} stood on is left under it.",
+                self.called(at)
+            );
+            self.offer(text, at, Remedy::RemoveResidue);
+        }
+    }
+
+    /// True where what is left of its support goes to the rest of the capture; none where an object was not cut out by a box around it.
+    pub fn is_residue_removed(&self, at: usize) -> Option<bool> {
+        let last = self.scene.objects[at].cut.last()?;
+        (last.keep == Keep::Inside).then_some(last.support.is_some())
+    }
+
+    /// Gives what is left of its support under an object that is cut out to the rest of the capture, or takes it back.
+    pub fn remove_residue(&mut self, at: usize, removes: bool) {
+        let object = &self.scene.objects[at];
+        let Some((cut, path)) = object.cut.last().copied().zip(object.asset.clone()) else {
+            return;
+        };
+        let is_of_it = |object: &Object| object.asset.as_ref() == Some(&path);
+        let mut loaded = self.states.iter().zip(&self.scene.objects);
+        let whole = loaded.find_map(|(state, object)| {
+            let asset = state.asset.as_ref().filter(|_| is_of_it(object))?;
+            Some(asset.whole_cloud().clone())
+        });
+        let up = self.up_of(at);
+        let found = whole.filter(|_| removes);
+        let found = found.and_then(|whole| support_of(&whole, &cut, up));
+        if removes && found.is_none() {
+            return self.info(tr("Nothing is left of what the object stood on."));
+        }
+        let parts = self.scene.objects.iter_mut().filter(|o| is_of_it(o));
+        for side in parts.flat_map(|part| &mut part.cut) {
+            if *side == cut || *side == cut.inverse() {
+                side.support = found;
+            }
+        }
     }
 
     /// Takes an object out of the scene, unless it is the only one or locked.

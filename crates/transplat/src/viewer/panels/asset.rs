@@ -238,6 +238,16 @@ fn cut(ui: &mut Ui, session: &mut Session) {
             thousands(all)
         ));
     }
+    if let Some(was_removed) = session.project.is_residue_removed(session.selected) {
+        let mut removes = was_removed;
+        ui.checkbox(&mut removes, tr("Remove residue"))
+            .on_hover_text(tr(
+                "Gives what is left of a desk or a ground under the object to the rest of the capture.",
+            ));
+        if removes != was_removed {
+            session.project.remove_residue(session.selected, removes);
+        }
+    }
 }
 
 fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
