@@ -32,8 +32,8 @@ use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::directional::mean_radiance;
 pub use alignment::{Advice, Alignment, align_light};
 use clusters::{Clusters, FEWEST_CLUSTERS, NEIGHBORS};
-pub use completion::CompletedMap;
 use completion::draw_sun;
+pub use completion::{CompletedMap, FoundExposure};
 use expected::ExpectedLight;
 use fit::{Explained, Fit, Fitted, FittedLight, Unit};
 pub use sky::DEGREE;
@@ -213,13 +213,13 @@ pub fn estimate_light(
     Ok(estimate)
 }
 
-/// Estimate, and the factor that a shown light of no unit was brought to the photographs' by.
+/// Estimate, and the factor that brings a shown light of no unit to that of the photographs, where the object shows it.
 fn estimate_with_strength(
     cloud: &SurfelCloud,
     bake: &DirectionalBake,
     shown: Option<&CaptureEnvironment>,
     progress: Progress<'_>,
-) -> Result<(Estimate, f64)> {
+) -> Result<(Estimate, Option<f64>)> {
     let radiance = mean_radiance(cloud, &bake.normals);
     let clusters = Clusters::new(cloud, bake, &radiance);
     let expected = match shown {
@@ -235,7 +235,7 @@ fn estimate_with_strength(
             false => Obstacle::TooLittle,
         };
         let estimate = shown.map_or_else(|| Estimate::none(obstacle), Estimate::shown);
-        return Ok((estimate, 1.0));
+        return Ok((estimate, None));
     }
     let sky_of = |fit: &Fit<'_>| {
         let step = part(progress, GATHERED, SKY_FITTED);
@@ -275,7 +275,9 @@ fn estimate_with_strength(
     if shown.is_some_and(|shown| shown.uncertainty > 0.0) {
         fit.balance_strength_and_tint(&mut fitted);
     }
+    // Where bounced light explains all there is, the fit has no strength to find.
     let strength = fitted.explained.strength;
+    let strength = Some(strength).filter(|s| PLAUSIBLE_EXPOSURES.contains(s));
     Ok((judge(&clusters, &even, fitted, shown), strength))
 }
 
@@ -298,11 +300,11 @@ pub fn complete_light(
     let shown = CaptureEnvironment::of_panorama(map, white, to_asset, unit.is_some());
     let shown = shown.tinted(unit.unwrap_or([1.0; 3]));
     let (found, strength) = estimate_with_strength(cloud, bake, Some(&shown), progress)?;
-    // Where bounced light explains all there is, the fit has no strength to find: the panorama stays as it is expected.
-    let (found, exposure) = match (shown.has_unit, PLAUSIBLE_EXPOSURES.contains(&strength)) {
-        (true, _) => (found, None),
-        (false, true) => (found, Some(strength as f32)),
-        (false, false) => (Estimate::shown(&shown), None),
+    let (found, exposure) = match (shown.has_unit, strength) {
+        (true, _) => (found, FoundExposure::Known),
+        (false, Some(strength)) => (found, FoundExposure::Found(strength as f32)),
+        // The panorama stays as it is expected.
+        (false, None) => (Estimate::shown(&shown), FoundExposure::Unknown),
     };
     let unit = unit.unwrap_or([1.0; 3]);
     let light = &found.light;

@@ -197,6 +197,11 @@ impl Scene {
         first_is_shown && self.background != Background::Backplate && !self.shadow_catcher
     }
 
+    /// Number of the object whose capture light *Match exposure* matches: the first that is shown.
+    pub fn matched_object(&self) -> usize {
+        self.objects.iter().position(|o| o.shown).unwrap_or(0)
+    }
+
     /// Capture lights of the objects and, last, the target light.
     pub fn environment_lights(&self) -> impl Iterator<Item = &EnvironmentLight> {
         let sources = self.objects.iter().map(|o| &o.source);
@@ -311,7 +316,7 @@ impl Scene {
             without_suns: false,
             ..self.environment.clone()
         };
-        let gain = self.match_gain(&self.objects[0], maps);
+        let gain = self.match_gain(&self.objects[self.matched_object()], maps);
         let light = whole.orient(maps[1], UpAxis::PlusZ).scaled(gain);
         let suns = light
             .light_samples
@@ -327,10 +332,11 @@ impl Scene {
         .collect()
     }
 
-    /// All that lights the objects, Z up: they are in the light of the first. `maps` are the lights of the source and of the environment, as they
+    /// All that lights the objects, Z up: their exposure is matched to that of [`Scene::matched_object`]. `maps` are the lights of the source and of the environment, as they
     /// are in their files.
     pub fn light_in_world(&self, maps: [&Illumination; 2]) -> Illumination {
-        let [_, light] = self.lights_on(&self.objects[0], maps, UpAxis::PlusZ);
+        let object = &self.objects[self.matched_object()];
+        let [_, light] = self.lights_on(object, maps, UpAxis::PlusZ);
         light
     }
 
@@ -344,7 +350,7 @@ impl Scene {
         place: DVec3,
         columns: usize,
     ) -> EnvironmentMap {
-        let gain = self.environment_gain(&self.objects[0], maps);
+        let gain = self.environment_gain(&self.objects[self.matched_object()], maps);
         let map = self.environment.in_world(around, maps[1], columns, gain);
         // Those without a disc are beams among the light's own.
         let light_samples = self.shining().filter(|l| l.is_directional_sample());

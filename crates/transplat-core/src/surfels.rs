@@ -465,7 +465,7 @@ impl SurfelFilter {
     }
 
     /// Surfels that are hidden, `[n]`.
-    fn hidden(&self, cloud: &SurfelCloud, bounds: &Bounds) -> Vec<bool> {
+    pub fn hidden(&self, cloud: &SurfelCloud, bounds: &Bounds) -> Vec<bool> {
         (0..cloud.len())
             .map(|i| {
                 let p = (cloud.positions[i] - bounds.center) / bounds.radius;

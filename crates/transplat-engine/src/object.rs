@@ -14,7 +14,7 @@ use transplat_core::bake::surroundings::Detail;
 use transplat_core::camera::CameraPose;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
-use transplat_core::estimate::{Alignment, Estimate};
+use transplat_core::estimate::{Alignment, Estimate, FoundExposure};
 use transplat_core::present::{LowConfidence, View};
 use transplat_core::scene::{EnvironmentLight, Light, Transform};
 use transplat_core::settings::optimizations::{Optimizations, SkippedWork};
@@ -236,8 +236,8 @@ pub struct CompletedLight {
     pub light: Arc<Environment>,
     /// All of its light over that of the file's, at the same exposure.
     pub gain: f32,
-    /// Factor of its exposure, where the shading shows it and nobody set it.
-    pub exposure: Option<f32>,
+    /// Its exposure.
+    pub exposure: FoundExposure,
 }
 
 /// All that a comparison of a user-set capture light with the object depends on: the light and the bake by their versions.

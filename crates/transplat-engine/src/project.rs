@@ -85,7 +85,7 @@ pub enum Remedy {
     Estimate,
     /// Rotates the capture light of the object to where it explains the shading.
     Align,
-    /// Removes what is left of what an object that is cut out stood on.
+    /// Moves the residue under an object that is cut out to the rest of its capture.
     RemoveResidue,
 }
 
@@ -99,7 +99,7 @@ impl Remedy {
             Self::Unlock => tr("Unlock"),
             Self::Estimate => tr("Estimate again"),
             Self::Align => tr("Rotate it"),
-            Self::RemoveResidue => tr("Remove it"),
+            Self::RemoveResidue => tr("Remove residue"),
         }
     }
 }
@@ -387,6 +387,7 @@ impl Project {
         if let Some([low, high]) = proposed {
             let hide = &mut self.scene.objects[at].hide;
             (hide.crop, hide.crop_min, hide.crop_max) = (true, low, high);
+            self.frame_all();
         }
     }
 
@@ -428,14 +429,30 @@ impl Project {
         }
     }
 
-    /// Where the surfels of all that is shown are.
-    pub fn points(&self) -> Vec<Vec3> {
-        let Whole { each, .. } = self.whole();
-        let placed = each.iter().flat_map(|(cloud, place)| {
+    /// Places of all surfels that are seen, and a sphere around them; none where there are none.
+    pub fn visible_points(&self) -> Option<(Vec<Vec3>, Bounds)> {
+        let (mut points, mut spheres) = (Vec::new(), Vec::new());
+        for (_, object, asset) in self.shown() {
+            let place = object.transform.scene_from_object();
             let there = |p: &Vec3| place.transform_point3(*p);
-            cloud.positions.iter().map(there)
-        });
-        placed.collect()
+            if object.hide.is_off() {
+                points.extend(asset.cloud.positions.iter().map(there));
+                spheres.push(asset.bounds.transformed(place));
+                continue;
+            }
+            let hidden = object.hide.hidden(&asset.cloud, &asset.bounds);
+            let visible: Vec<usize> = (0..hidden.len()).filter(|i| !hidden[*i]).collect();
+            if !visible.is_empty() {
+                points.extend(visible.iter().map(|i| there(&asset.cloud.positions[*i])));
+                let bounds = asset.cloud.selected(&visible).bounds();
+                spheres.push(bounds.transformed(place));
+            }
+        }
+        let bounds = match &spheres[..] {
+            [one] => *one,
+            _ => Bounds::around(spheres.into_iter())?,
+        };
+        Some((points, bounds))
     }
 
     /// Where the objects that are shown are.
@@ -467,6 +484,11 @@ impl Project {
             (&self.scene.objects[at].source, &self.states[at].source),
             (&self.scene.environment, &self.environment),
         ]
+    }
+
+    /// Source and target light of the object that *Match exposure* matches.
+    pub fn matched_sides(&self) -> [(&EnvironmentLight, &Resolved); 2] {
+        self.sides_of(self.scene.matched_object())
     }
 
     /// Light of a file, or the estimate of the object's light, which is assumed until there is one.

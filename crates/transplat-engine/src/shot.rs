@@ -275,9 +275,15 @@ impl Backdrops {
         let (scene, up) = (&project.scene, project.scene_up());
         if let Some(ground) = project.ground() {
             let maps = project
-                .sides_of(0)
+                .matched_sides()
                 .map(|(_, there)| &there.light.illumination);
-            lit.ground = lit_ground(ground, scene, &scene.objects[0], maps, up);
+            lit.ground = lit_ground(
+                ground,
+                scene,
+                &scene.objects[scene.matched_object()],
+                maps,
+                up,
+            );
         }
         if view.background(scene.background) != Background::Environment {
             return Ok(());

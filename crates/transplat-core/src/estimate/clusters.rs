@@ -92,7 +92,7 @@ impl Clusters {
         self.mass.len()
     }
 
-    /// Irradiance of each cluster by a sun of energy 1 that is as wide as the bake's directions are apart. `[c]`
+    /// Irradiance of each cluster by a sun of energy 1 at the bake's direction nearest to some. `[c]`
     pub fn seen_towards(&self, direction: Vec3) -> Vec<f64> {
         let j = nearest_direction(&directions(), direction);
         let per_energy = DIRECTIONS as f64 / (4.0 * PI);

@@ -14,15 +14,44 @@ use crate::probe::CLIPPED;
 /// Radius of the disc that stands for a sun in a map, in degrees.
 const DRAWN_SUN: f64 = 2.0;
 
+/// Exposure of a completed panorama.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FoundExposure {
+    /// Its unit is known.
+    Known,
+    /// Factor that the shading shows.
+    Found(f32),
+    /// The shading does not show it.
+    Unknown,
+}
+
+impl FoundExposure {
+    /// Factor of the panorama.
+    pub(super) fn factor(self) -> f32 {
+        match self {
+            Self::Found(factor) => factor,
+            Self::Known | Self::Unknown => 1.0,
+        }
+    }
+
+    /// Factor that the shading shows, in stops.
+    pub fn stops(self) -> Option<f32> {
+        match self {
+            Self::Found(factor) => Some(factor.log2()),
+            Self::Known | Self::Unknown => None,
+        }
+    }
+}
+
 /// A completed panorama.
 #[derive(Clone, Debug)]
 pub struct CompletedMap {
-    /// The panorama in its own rotation; in its own unit where that is known, or else in that of the cloud's colours.
+    /// The panorama in its own rotation; in the unit of the cloud's colours where its exposure was found, or else in its own.
     pub map: EnvironmentMap,
     /// All of its light over that of the clipped one, at the same exposure.
     pub gain: f32,
-    /// Factor of its exposure; none where its unit is known, or where the shading does not show it.
-    pub exposure: Option<f32>,
+    /// Its exposure, which is in it already.
+    pub exposure: FoundExposure,
 }
 
 /// Radiance from which on a map is clipped.
@@ -36,14 +65,14 @@ pub(super) fn completed(
     white: f32,
     log: &(dyn Fn(Vec3) -> [f32; 3] + Sync),
     sun: Option<(Vec3, [f32; 3])>,
-    exposure: Option<f32>,
+    exposure: FoundExposure,
     to_asset: DMat3,
 ) -> CompletedMap {
     let direction = |i: usize| {
         let d = map.direction(i % map.width(), i / map.width());
         (to_asset * DVec3::from_array(d)).as_vec3()
     };
-    let factor = exposure.unwrap_or(1.0);
+    let factor = exposure.factor();
     let radiance = |(i, pixel): (usize, &[f32; 3])| {
         let radiance = match is_clipped(*pixel, white) {
             true => clipped_radiance(*pixel).changed(log(direction(i)), 0.0),

@@ -18,7 +18,7 @@ use crate::progress::{Progress, tell};
 use crate::settings::Method;
 use crate::sh::band_of;
 
-/// Turns at most, and the change of the logarithm of the irradiance (root of the mean square) that ends them.
+/// Turns at most, and the change of the logarithm of the irradiance (root of the mean square) that ends them: a seventh of [`LEAST_NOISE`].
 const TURNS: usize = 16;
 const SMALL_CHANGE: f64 = 3e-3;
 
@@ -96,11 +96,12 @@ impl FittedLight {
     }
 }
 
-/// Irradiance of the clusters by a sky.
+/// Irradiance of the clusters by a sky, in the unit of the expected light.
 #[derive(Clone)]
-pub(super) struct ExplainedSky {
+pub(super) struct SkyIrradiance {
     /// Radiance over the bake's directions, and its change with the fitted logarithm. `[3][DIRECTIONS]`
     radiance: [Vec<[f64; 2]>; 3],
+    /// `[c][3]`
     direct: Vec<[f64; 3]>,
 }
 
@@ -157,7 +158,7 @@ pub(super) struct Solved {
 
 impl Solved {
     /// Root of the mean square, over clusters of some mass, by which the logarithm of the irradiance changes with the step.
-    fn change(&self, mass: &[f64]) -> f64 {
+    fn irradiance_change(&self, mass: &[f64]) -> f64 {
         let each = self.jacobian.iter().enumerate().map(|(c, jacobian)| {
             let p = jacobian.nrows();
             let change = jacobian.tr_mul(&self.step.rows(c * p, p));
@@ -230,11 +231,11 @@ impl<'a> Fit<'a> {
     }
 
     pub fn explain(&self, light: &FittedLight) -> Explained {
-        self.explain_with_sun(self.explain_sky(&light.sky), light)
+        self.explain_with(self.sky_irradiance(&light.sky), light)
     }
 
     /// Irradiance by a sky alone.
-    pub fn explain_sky(&self, sky: &[Vec<f64>; 3]) -> ExplainedSky {
+    pub fn sky_irradiance(&self, sky: &[Vec<f64>; 3]) -> SkyIrradiance {
         let clusters = self.clusters;
         let radiance: [Vec<[f64; 2]>; 3] = std::array::from_fn(|c| {
             let towards = |j: usize| {
@@ -252,16 +253,16 @@ impl<'a> Fit<'a> {
                 each.map(|(s, r)| f64::from(*s) * r[0]).sum()
             })
         });
-        ExplainedSky {
+        SkyIrradiance {
             direct: direct.collect(),
             radiance,
         }
     }
 
     /// Explanation by a light whose sky is explained already.
-    pub fn explain_with_sun(&self, sky: ExplainedSky, light: &FittedLight) -> Explained {
+    pub fn explain_with(&self, sky: SkyIrradiance, light: &FittedLight) -> Explained {
         let clusters = self.clusters;
-        let ExplainedSky {
+        let SkyIrradiance {
             mut radiance,
             mut direct,
         } = sky;
@@ -427,7 +428,7 @@ impl<'a> Fit<'a> {
             let solved = self.solve(&light, &explained, noise);
             let change = solved
                 .as_ref()
-                .map_or(0.0, |s| s.change(&self.clusters.mass));
+                .map_or(0.0, |s| s.irradiance_change(&self.clusters.mass));
             let Some(Solved { step, .. }) = solved
                 .as_ref()
                 .filter(|_| turn < TURNS && change > SMALL_CHANGE)
@@ -442,7 +443,7 @@ impl<'a> Fit<'a> {
                 });
             };
             if change > last_change {
-                // It jumps to and fro across what it looks for.
+                // It jumps to and fro across the minimum.
                 longest = 0.5 * step.amax().min(longest);
             }
             light.change(step, longest);

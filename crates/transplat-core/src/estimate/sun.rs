@@ -106,7 +106,7 @@ fn starts(
             log_energy: energy_around(direction).map(f64::ln),
         }),
     };
-    let explained = fit.explain_sky(&shaded);
+    let explained = fit.sky_irradiance(&shaded);
     let uncertain = fit.expected.uncertain_directions.par_iter().take(TRIED);
     let tried = uncertain.flat_map_iter(|direction| {
         let light = shone(*direction, fit.clusters.seen_towards(*direction));
@@ -116,7 +116,7 @@ fn starts(
             for log in light.sun.iter_mut().flat_map(|sun| &mut sun.log_energy) {
                 *log += f64::ln(factor);
             }
-            let explained = fit.explain_with_sun(explained.clone(), &light);
+            let explained = fit.explain_with(explained.clone(), &light);
             (fit.cost(&light, &explained, noise), light)
         })
     });
@@ -140,9 +140,9 @@ fn turn(
     noise: f64,
     bake: &DirectionalBake,
 ) -> FittedLight {
-    let sky = fit.explain_sky(&light.sky);
+    let sky = fit.sky_irradiance(&light.sky);
     let cost = |light: &FittedLight| {
-        let explained = fit.explain_with_sun(sky.clone(), light);
+        let explained = fit.explain_with(sky.clone(), light);
         fit.cost(light, &explained, noise)
     };
     let Some(middle) = light.sun.as_ref().map(|s| s.direction) else {

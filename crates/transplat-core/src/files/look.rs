@@ -150,7 +150,7 @@ impl Look {
         let is_read_anew =
             is_read_anew(&scene) || scene.variants.iter().any(|v| is_read_anew(&v.look));
         let mut objects = scene.objects;
-        let has_response = objects.iter().any(|o| {
+        let has_capture_settings = objects.iter().any(|o| {
             let has_support = o.cut.iter().any(|cut| cut.support.is_some());
             !o.response.is_default() || o.source.trust.is_some() || has_support
         });
@@ -169,7 +169,7 @@ impl Look {
             look: Self::of_none(look),
         };
         Self {
-            version: if has_response {
+            version: if has_capture_settings {
                 LOOK_VERSION
             } else if is_read_anew {
                 VERSION_WITHOUT_RESPONSE

@@ -89,6 +89,12 @@ impl Object {
         for cut in &mut self.cut {
             place(&mut cut.min);
             place(&mut cut.max);
+            if let Some(support) = &mut cut.support {
+                let raised = moved.dot(support.up.direction().as_dvec3());
+                for height in [&mut support.height, &mut support.residue_up_to] {
+                    *height = (f64::from(*height) - raised) as f32;
+                }
+            }
         }
         self.outside_from.iter_mut().for_each(place);
         let there =
@@ -271,13 +277,26 @@ mod tests {
             let camera = scene
                 .camera
                 .map_or(DVec3::ZERO, |c| c.pivot.as_dvec3() + origin);
-            [of(first, first.cut[0].min), of(second, Vec3::ONE), camera]
+            let support = first.cut[0].support.expect("it has one");
+            let surface = of(first, Vec3::new(0.0, 0.0, support.height))
+                .with_x(0.0)
+                .with_y(0.0);
+            [
+                of(first, first.cut[0].min),
+                surface,
+                of(second, Vec3::ONE),
+                camera,
+            ]
         };
         scene.objects[0].cut.push(Cut {
             keep: crate::scene::Keep::Inside,
             min: far.as_vec3(),
             max: far.as_vec3() + 2.0,
-            support: None,
+            support: Some(crate::scene::Support {
+                up: UpAxis::PlusZ,
+                height: far.z as f32 + 0.5,
+                residue_up_to: far.z as f32 + 0.6,
+            }),
         });
         scene.objects.push(Object {
             transform: Transform {

@@ -1,10 +1,9 @@
-//! Capture light in the picture: set by a click on the object, and where it shone from.
+//! Capture light by a click on the object.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use transplat_core::scene::STOPS;
 use transplat_core::transfer::PreparedTransfer;
 
-use crate::environments::Resolved;
 use crate::language::tr;
 use crate::project::Project;
 
@@ -39,14 +38,6 @@ impl Project {
         let (low, high) = STOPS.into_inner();
         source.strength = most.log2().clamp(low, high);
         Ok(())
-    }
-
-    /// Direction in the scene that the brightest part of an object's capture light shone on it from; none of even light.
-    pub fn brightest_of_capture(&self, at: usize) -> Option<Vec3> {
-        let Resolved { light, settings } = &self.states[at].source;
-        let in_map = light.brightest?.as_dvec3();
-        let on_asset = settings.map_from_asset(self.up_of(at)).transpose() * in_map;
-        Some(self.scene.objects[at].transform.rotation * on_asset.as_vec3())
     }
 
     /// Direction of the world as it was where an object was captured.

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use glam::{Quat, Vec3};
 use transplat_core::camera::Camera;
+use transplat_core::files::is_same_file;
 use transplat_core::numeric::quantile;
 use transplat_core::scene::{
-    Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, SCALES, Transform,
+    Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, SCALES, Transform, kept,
 };
 use transplat_core::support::support_of;
 use transplat_core::surfels::{Bounds, SurfelFilter, UpAxis};
@@ -33,6 +34,13 @@ const OTHER_UNITS: std::ops::RangeInclusive<f32> = 0.02..=4.0;
 
 /// Share of an object's radius around its middle under which the ground is looked for.
 const FOOTPRINT: f32 = 0.5;
+
+/// Last cut that keeps an object inside of its box, and those before.
+fn cut_around(object: &Object) -> Option<(&[Cut], Cut)> {
+    let is_around = |cut: &Cut| cut.keep == Keep::Inside;
+    let last = object.cut.iter().rposition(is_around)?;
+    Some((&object.cut[..last], object.cut[last]))
+}
 
 impl Project {
     /// Puts a splat into the scene: a small one where the camera looks, another one beside what is there.
@@ -350,34 +358,42 @@ impl Project {
         }
     }
 
-    /// True where what is left of its support goes to the rest of the capture; none where an object was not cut out by a box around it.
+    /// True where the residue of its support goes to the rest of the capture; none where an object was not cut out by a box around it.
     pub fn is_residue_removed(&self, at: usize) -> Option<bool> {
-        let last = self.scene.objects[at].cut.last()?;
-        (last.keep == Keep::Inside).then_some(last.support.is_some())
+        let (_, cut) = cut_around(&self.scene.objects[at])?;
+        Some(cut.support.is_some())
     }
 
-    /// Gives what is left of its support under an object that is cut out to the rest of the capture, or takes it back.
+    /// Moves the residue of its support under an object that is cut out to the rest of the capture, or takes it back.
     pub fn remove_residue(&mut self, at: usize, removes: bool) {
         let object = &self.scene.objects[at];
-        let Some((cut, path)) = object.cut.last().copied().zip(object.asset.clone()) else {
+        let Some(((before, cut), path)) = cut_around(object).zip(object.asset.clone()) else {
             return;
         };
-        let is_of_it = |object: &Object| object.asset.as_ref() == Some(&path);
-        let mut loaded = self.states.iter().zip(&self.scene.objects);
-        let whole = loaded.find_map(|(state, object)| {
-            let asset = state.asset.as_ref().filter(|_| is_of_it(object))?;
-            Some(asset.whole_cloud().clone())
-        });
-        let up = self.up_of(at);
-        let found = whole.filter(|_| removes);
-        let found = found.and_then(|whole| support_of(&whole, &cut, up));
-        if removes && found.is_none() {
-            return self.info(tr("Nothing is left of what the object stood on."));
+        let is_of_it = |object: &Object| {
+            let asset = object.asset.as_deref();
+            asset.is_some_and(|asset| is_same_file(asset, &path))
+        };
+        let mut support = None;
+        if removes {
+            // The object may be loading; the rest is there.
+            let mut loaded = self.states.iter().zip(&self.scene.objects);
+            let splat = loaded.find_map(|(s, o)| s.asset.as_ref().filter(|_| is_of_it(o)));
+            let Some(splat) = splat else {
+                return;
+            };
+            let whole = splat.whole_cloud();
+            let cut_from = kept(before, whole).map(|kept| whole.selected(&kept));
+            let up = object.up.unwrap_or(splat.file_up);
+            support = support_of(cut_from.as_ref().unwrap_or(whole), &cut, up);
+            if support.is_none() {
+                return self.info(tr("No residue was found under the object."));
+            }
         }
         let parts = self.scene.objects.iter_mut().filter(|o| is_of_it(o));
         for side in parts.flat_map(|part| &mut part.cut) {
             if *side == cut || *side == cut.inverse() {
-                side.support = found;
+                side.support = support;
             }
         }
     }

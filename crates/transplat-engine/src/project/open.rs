@@ -420,8 +420,7 @@ impl Project {
     }
 
     fn look_at_all(&mut self) {
-        if let Some(bounds) = self.scene_bounds() {
-            let points = self.points();
+        if let Some((points, bounds)) = self.visible_points() {
             self.pose = first_pose(&points, self.scene_up(), &bounds, self.viewport);
             // Lights that are fixed to the camera are where they were told.
             self.followed = None;
@@ -431,8 +430,7 @@ impl Project {
     /// Shows all of what is there, from the side that it is seen from.
     pub fn frame_all(&mut self) {
         let (up, size, last) = (self.scene_up(), self.viewport, self.pose);
-        if let Some(bounds) = self.scene_bounds() {
-            let points = self.points();
+        if let Some((points, bounds)) = self.visible_points() {
             self.pose = CameraPose {
                 orthographic: last.orthographic,
                 ..framed(&points, up, &bounds, &last, size)

@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3};
 use indicatif::ProgressBar;
 use transplat_core::bake::Bake;
 use transplat_core::environment::{EnvironmentMap, Illumination, ImageReading};
-use transplat_core::estimate::Estimate;
+use transplat_core::estimate::{Estimate, FoundExposure};
 use transplat_core::files::{
     CameraFile, cameras_of_training, inspect_bake, load_cameras, load_environment_as, losses,
 };
@@ -246,9 +246,14 @@ impl Headless {
         for (at, state) in self.shots.project.states.iter().enumerate() {
             if let Some(completed) = self.shots.project.completed_source(at) {
                 summary.set("source_completed_gain", completed.gain);
-                summary.set("source_completed_exposure", completed.exposure);
-                let exposure = completed.exposure.map(f32::log2);
-                let exposure = exposure.map(|stops| format!(", exposure {stops:+.1} stops"));
+                let stops = completed.exposure.stops();
+                summary.set("source_completed_exposure", stops.map(f32::exp2));
+                let exposure = stops.map(|stops| format!(", exposure {stops:+.1} stops"));
+                if completed.exposure == FoundExposure::Unknown {
+                    summary.warn(
+                        "the shading does not show how bright the capture light was: set the strength of the source",
+                    );
+                }
                 summary.note(format!(
                     "the clipped highlights of the capture light are completed from the shading: {:.1} times as much light in all{}",
                     completed.gain,

@@ -7,7 +7,7 @@ use transplat_core::present::{
     FALSE_COLORS, LowConfidence, NO_DOUBT, View, emission_color, tau_colors,
 };
 
-use super::projection::{HELD, Screen};
+use super::projection::Screen;
 use super::session::Session;
 use transplat_engine::language::{tr, tr_format};
 
@@ -20,8 +20,9 @@ const LEGEND_WIDTH: f32 = 250.0;
 /// Ends of the capture light's arrow, in radii of the object from its middle.
 const ARROW: [f32; 2] = [1.35, 0.85];
 
-/// Points between an arrow and the edge of the picture.
+/// Points between the capture light's arrow and the edge of the image, and its colour.
 const MARGIN: f32 = 34.0;
+const SUNNY: Color32 = Color32::from_rgb(255, 200, 120);
 
 /// Names the sides of a comparison, and explains colours that are none of light.
 pub fn annotate(ui: &Ui, rect: Rect, session: &Session, view: View) {
@@ -207,21 +208,23 @@ pub fn draw_capture_light(ui: &Ui, session: &Session, screen: Screen<'_>) {
     let [Some(tail), Some(tip)] = ends else {
         return;
     };
-    // All of it is in the picture, however near the camera is.
+    // As much of it as the image has room for.
     let inside = screen.part.shrink(MARGIN);
     let from_tip = tail - tip;
     let fits = |share: &f32| inside.contains(tip + *share * from_tip);
-    let share = (1..=20).rev().map(|i| i as f32 / 20.0).find(fits);
-    let tail = tip + share.unwrap_or(1.0) * from_tip;
+    let shares = (1..=20).rev().map(|i| i as f32 / 20.0);
+    let Some(tail) = shares.into_iter().find(fits).map(|s| tip + s * from_tip) else {
+        return;
+    };
     let painter = ui.painter_at(screen.part);
-    painter.line_segment([tail, tip], Stroke::new(2.0, HELD));
+    painter.line_segment([tail, tip], Stroke::new(2.0, SUNNY));
     let (back, side) = (
         12.0 * from_tip.normalized(),
         5.0 * from_tip.normalized().rot90(),
     );
     let head = vec![tip, tip + back + side, tip + back - side];
-    painter.add(Shape::convex_polygon(head, HELD, Stroke::NONE));
-    painter.circle_filled(tail, 5.0, HELD);
+    painter.add(Shape::convex_polygon(head, SUNNY, Stroke::NONE));
+    painter.circle_filled(tail, 5.0, SUNNY);
     let (anchor, aside) = match tail.x < inside.center().x {
         true => (Align2::RIGHT_CENTER, -14.0),
         false => (Align2::LEFT_CENTER, 14.0),

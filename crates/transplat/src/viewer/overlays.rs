@@ -265,7 +265,7 @@ impl Viewer {
                 }
                 let maps = session
                     .project
-                    .sides_of(0)
+                    .matched_sides()
                     .map(|(_, side)| &side.light.illumination);
                 let all = scene.light_in_world(maps);
                 let map = scene.panorama(light.small_dome(), maps, &all, place, MAP_WIDTH);

@@ -233,7 +233,8 @@ impl Session {
     pub fn save_environment(&mut self, path: PathBuf) {
         let (scene, place) = (self.project.scene.clone(), self.lit().center);
         let around = self.project.environment.light.clone();
-        let source = self.project.states[0].source.light.clone();
+        let [(_, source), _] = self.project.matched_sides();
+        let source = source.light.clone();
         let work = move |_: &_| {
             let map = match scene.environment.sky() {
                 Some(sky) => Arc::new(sky.dome_map(SKY_COLUMNS)),
@@ -275,7 +276,7 @@ impl Session {
     fn suns(&self) -> Vec<Light> {
         let [source, environment] = self
             .project
-            .sides_of(0)
+            .matched_sides()
             .map(|(_, resolved)| &resolved.light);
         let maps = [&source.illumination, &environment.illumination];
         self.project.scene.suns(maps)

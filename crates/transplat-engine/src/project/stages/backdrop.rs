@@ -168,25 +168,23 @@ impl Project {
     /// The light that is seen behind a side, as it is turned, and what it is brought to the source's strength by. Behind a pinned look it
     /// is that look's.
     pub fn behind(&self, side: usize, view: View) -> (&Arc<Environment>, &EnvironmentLight, f32) {
-        // All objects are in the light of the first.
-        let at = 0;
         let pinned = self.compared();
         if let Some(pinned) = pinned.filter(|_| side == SOURCE && view.has_two_sides()) {
             let maps = [&pinned.sources[0], &pinned.environment];
-            let gain = environment_gain(&pinned.scene, 0, maps);
+            let gain = environment_gain(&pinned.scene, maps);
             return (&pinned.environment, &pinned.scene.environment, gain);
         }
-        let sides = self.sides_of(at);
+        let sides = self.matched_sides();
         let gain = match side {
             SOURCE => 1.0,
-            _ => environment_gain(&self.scene, at, sides.map(|(_, there)| &there.light)),
+            _ => environment_gain(&self.scene, sides.map(|(_, there)| &there.light)),
         };
         let (settings, there) = sides[side];
         (&there.light, settings, gain)
     }
 }
 
-fn environment_gain(scene: &Scene, at: usize, lights: [&Arc<Environment>; 2]) -> f32 {
+fn environment_gain(scene: &Scene, lights: [&Arc<Environment>; 2]) -> f32 {
     let maps = lights.map(|light| &light.illumination);
-    scene.environment_gain(&scene.objects[at], maps)
+    scene.environment_gain(&scene.objects[scene.matched_object()], maps)
 }

@@ -3,7 +3,9 @@
 
 use std::sync::Arc;
 
-use transplat_core::estimate::{Advice, Alignment, align_light, complete_light, estimate_light};
+use transplat_core::estimate::{
+    Advice, Alignment, FoundExposure, align_light, complete_light, estimate_light,
+};
 use transplat_core::files::is_same_file;
 use transplat_core::scene::{EnvironmentLight, Object, wrap};
 use transplat_core::settings::Method;
@@ -132,23 +134,23 @@ impl Project {
                 return;
             };
             let is_first = project.states[at].completed.get().is_none();
-            let (gain, stops) = (completed.gain, completed.exposure.map(f32::log2));
+            let (gain, exposure) = (completed.gain, completed.exposure);
             if project.states[at].completed.accept(key, completed) && is_first {
-                let text = match stops {
-                    None if !has_unit => tr_format!(
-                        "The shading of {} does not show how bright its capture light was. Set its strength by hand.",
+                let text = match exposure {
+                    FoundExposure::Unknown => tr_format!(
+                        "The shading of {} does not show how bright its capture light was. Set its Strength on the page Capture light.",
                         project.called(at)
                     ),
-                    None => tr_format!(
+                    FoundExposure::Known => tr_format!(
                         "The clipped highlights of the capture light are completed from the shading of {name}: {gain:.1} times as much light in all.",
                         name = project.called(at),
                         gain = gain
                     ),
-                    Some(stops) => tr_format!(
+                    FoundExposure::Found(factor) => tr_format!(
                         "The clipped highlights of the capture light are completed from the shading of {name}: {gain:.1} times as much light in all. Its exposure is set, too ({stops:+.1} stops).",
                         name = project.called(at),
                         gain = gain,
-                        stops = stops
+                        stops = factor.log2()
                     ),
                 };
                 project.info(text);

@@ -202,9 +202,10 @@ impl Project {
 
     /// The light that all is relit by, as the scene sees it.
     pub fn target_light(&self) -> Illumination {
-        let maps = self.sides_of(0).map(|(_, there)| &there.light.illumination);
-        let first = &self.scene.objects[0];
-        let [_, target] = self.scene.lights_on(first, maps, self.scene_up());
+        let sides = self.matched_sides();
+        let maps = sides.map(|(_, there)| &there.light.illumination);
+        let matched = &self.scene.objects[self.scene.matched_object()];
+        let [_, target] = self.scene.lights_on(matched, maps, self.scene_up());
         target
     }
 

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use glam::Vec3;
 use transplat_core::scene::{EnvironmentLight, Transform};
 
 use crate::environments::{Environment, Resolved};
@@ -51,8 +52,8 @@ impl Project {
     /// Turns an object's lights as they are set.
     pub(crate) fn orient_lights(&mut self, at: usize) {
         let (object, up) = (&self.scene.objects[at], self.up_of(at));
-        let [(_, captured_under), _] = self.sides_of(0);
-        let first = &self.scene.objects[0];
+        let [(_, captured_under), _] = self.matched_sides();
+        let matched = &self.scene.objects[self.scene.matched_object()];
         let sides = self.sides_of(at);
         let key: LightsKey = (
             sides.map(|(_, there)| there.light.id),
@@ -60,7 +61,7 @@ impl Project {
             self.scene.match_strength,
             self.scene.lights.clone(),
             [up, self.scene_up()],
-            (captured_under.light.id, first.source.clone()),
+            (captured_under.light.id, matched.source.clone()),
             object.transform,
         );
         if self.states[at].lights.is_asked(&key) {
@@ -70,7 +71,7 @@ impl Project {
         let source = object.source.orient(source, up);
         // All objects are in one light, which they see as they are turned.
         let maps = [&captured_under.light.illumination, environment];
-        let [_, mut target] = self.scene.lights_on(first, maps, self.scene_up());
+        let [_, mut target] = self.scene.lights_on(matched, maps, self.scene_up());
         if object.transform != Transform::default() {
             target = target.seen_by(object.transform.scene_from_object());
         }
@@ -95,5 +96,13 @@ impl Project {
         lights
             .cloned()
             .unwrap_or_else(|| self.sides_of(at).map(|(_, there)| unturned(there)))
+    }
+
+    /// Direction in the scene that the brightest part of an object's capture light shone on it from; none of even light.
+    pub fn brightest_of_capture(&self, at: usize) -> Option<Vec3> {
+        let Resolved { light, settings } = &self.states[at].source;
+        let in_map = light.brightest?.as_dvec3();
+        let on_asset = settings.map_from_asset(self.up_of(at)).transpose() * in_map;
+        Some(self.scene.objects[at].transform.rotation * on_asset.as_vec3())
     }
 }

@@ -242,7 +242,7 @@ fn cut(ui: &mut Ui, session: &mut Session) {
         let mut removes = was_removed;
         ui.checkbox(&mut removes, tr("Remove residue"))
             .on_hover_text(tr(
-                "Gives what is left of a desk or a ground under the object to the rest of the capture.",
+                "Moves what is left of the desk or the ground under the object to the rest of the capture.",
             ));
         if removes != was_removed {
             session.project.remove_residue(session.selected, removes);
