@@ -554,6 +554,23 @@ mod tests {
 
     /// Irradiance adds up, whichever form of the light is asked; there is room for any number.
     #[test]
+    fn exposure_is_matched_to_the_first_object_that_is_shown() {
+        let even = Illumination::even(2);
+        let mut scene = Scene {
+            match_strength: true,
+            ..Scene::default()
+        };
+        let mut dim = Object::default();
+        dim.source.strength = -2.0;
+        scene.objects.push(dim);
+        let mean = |scene: &Scene| scene.light_in_world([&even, &even]).mean_irradiance();
+        let bright = mean(&scene);
+        scene.objects[0].shown = false;
+        // Two stops.
+        assert!((bright / mean(&scene) - 4.0).abs() < 1e-3);
+    }
+
+    #[test]
     fn lights_of_ones_own_come_on_top_of_the_environment() {
         let even = Illumination::even(3);
         let mut scene = Scene::default();
