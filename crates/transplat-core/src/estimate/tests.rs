@@ -523,8 +523,8 @@ fn trust_grows_with_confidence_from_half_to_full() {
         };
         told.trust()
     };
-    assert_eq!([0.0, 0.4, 0.97, 1.0].map(trust), [0.5, 0.5, 1.0, 1.0]);
-    let [less, more] = [0.7, 0.8].map(trust);
+    assert_eq!([0.0, 0.97, 1.0].map(trust), [0.5, 1.0, 1.0]);
+    let [less, more] = [0.1, 0.8].map(trust);
     assert!(0.5 < less && less < more && more < 1.0, "{less} {more}");
     let even = Estimate::none(Obstacle::EvenLight);
     assert_eq!(
