@@ -18,9 +18,9 @@ use crate::progress::{Progress, tell};
 use crate::settings::Method;
 use crate::sh::band_of;
 
-/// Turns at most, and the change of the logarithm of the irradiance (root of the mean square) that ends them: a seventh of [`LEAST_NOISE`].
+/// Turns at most, and the change of the logarithm of the irradiance (root of the mean square) that ends them: a twentieth of [`LEAST_NOISE`].
 const TURNS: usize = 16;
-const SMALL_CHANGE: f64 = 3e-3;
+const SMALL_CHANGE: f64 = 1e-3;
 
 /// Longest step of one turn, in logarithms of light.
 pub(super) const LONGEST_STEP: f64 = 1.5;
