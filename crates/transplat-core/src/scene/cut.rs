@@ -83,17 +83,21 @@ impl Cut {
 
     pub(super) fn validate(&self) -> Result<()> {
         let is_place = |p: Vec3| p.abs().max_element() <= FARTHEST;
-        let heights = self
-            .support
-            .iter()
-            .flat_map(|s| [s.height, s.residue_up_to]);
-        let good = is_place(self.min)
-            && is_place(self.max)
-            && self.min.cmple(self.max).all()
-            && heights.into_iter().all(|h| h.abs() <= FARTHEST);
+        let (min, max) = (self.min, self.max);
+        ensure(is_place(min) && is_place(max), || {
+            format!("cut: corners {min} and {max}: numbers up to {FARTHEST:e} are expected")
+        })?;
+        ensure(min.cmple(max).all(), || {
+            format!("cut: min not above max is expected, {min} and {max} given")
+        })?;
+        let Some(support) = self.support else {
+            return Ok(());
+        };
+        let (height, end) = (support.height, support.residue_up_to);
+        let good = height.abs() <= FARTHEST && height <= end && end <= FARTHEST;
         ensure(good, || {
             format!(
-                "cut: two corners of three numbers up to {FARTHEST:e} are expected, min not above max; heights of a support are up to that, too"
+                "cut: support: height {height}, residue_up_to {end}: numbers up to {FARTHEST:e} are expected, height not above residue_up_to"
             )
         })
     }
@@ -174,5 +178,21 @@ mod tests {
         assert!(cut(Vec3::ZERO, Vec3::ONE) && cut(Vec3::ONE, Vec3::ONE));
         assert!(!cut(Vec3::ONE, Vec3::ZERO) && !cut(Vec3::NAN, Vec3::ONE));
         assert!(!cut(Vec3::ZERO, Vec3::INFINITY));
+        let on = |height, residue_up_to| {
+            let support = Support {
+                up: UpAxis::PlusZ,
+                height,
+                residue_up_to,
+            };
+            let cut = Cut {
+                keep: Keep::Inside,
+                min: Vec3::ZERO,
+                max: Vec3::ONE,
+                support: Some(support),
+            };
+            cut.validate().is_ok()
+        };
+        assert!(on(0.1, 0.2) && on(0.1, 0.1));
+        assert!(!on(0.2, 0.1) && !on(f32::NAN, 0.1) && !on(0.1, 1e30));
     }
 }

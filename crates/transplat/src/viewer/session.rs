@@ -341,7 +341,8 @@ impl Session {
 
     /// Stops of the target's mean irradiance over the source's, as they are shown.
     pub fn stops_over_source(&self) -> Option<f32> {
-        self.state().relit.get()?.stops_over_source
+        let matched = self.project.scene.matched_object();
+        self.project.states[matched].relit.get()?.stops_over_source
     }
 
     /// True where the capture light is not known, and uniform white light is assumed.
