@@ -258,15 +258,15 @@ impl Scene {
         by
     }
 
-    /// Source and target light of an object in its coordinates, from the light of the two maps: the environment brought to the source's mean where
+    /// Source and target light of [`Scene::matched_object`] in the coordinates of an asset, from the light of the two maps: the environment brought to the source's mean where
     /// that is wanted, with the placed lights beside it.
     pub fn lights_on(
         &self,
-        object: &Object,
         [source, environment]: [&Illumination; 2],
         asset_up: UpAxis,
     ) -> [Illumination; 2] {
-        let gain = self.environment_gain(object, [source, environment]);
+        let gain = self.environment_gain([source, environment]);
+        let object = &self.objects[self.matched_object()];
         let source = object.source.orient(source, asset_up);
         let mut target = self.environment.orient(environment, asset_up);
         if gain != 1.0 {
@@ -316,7 +316,7 @@ impl Scene {
             without_suns: false,
             ..self.environment.clone()
         };
-        let gain = self.match_gain(&self.objects[self.matched_object()], maps);
+        let gain = self.match_gain(maps);
         let light = whole.orient(maps[1], UpAxis::PlusZ).scaled(gain);
         let suns = light
             .light_samples
@@ -332,11 +332,10 @@ impl Scene {
         .collect()
     }
 
-    /// All that lights the objects, Z up: their exposure is matched to that of [`Scene::matched_object`]. `maps` are the lights of the source and of the environment, as they
-    /// are in their files.
+    /// All that lights the objects, Z up. `maps` are the lights of the matched object's source and of the environment, as they are in their
+    /// files.
     pub fn light_in_world(&self, maps: [&Illumination; 2]) -> Illumination {
-        let object = &self.objects[self.matched_object()];
-        let [_, light] = self.lights_on(object, maps, UpAxis::PlusZ);
+        let [_, light] = self.lights_on(maps, UpAxis::PlusZ);
         light
     }
 
@@ -350,7 +349,7 @@ impl Scene {
         place: DVec3,
         columns: usize,
     ) -> EnvironmentMap {
-        let gain = self.environment_gain(&self.objects[self.matched_object()], maps);
+        let gain = self.environment_gain(maps);
         let map = self.environment.in_world(around, maps[1], columns, gain);
         // Those without a disc are beams among the light's own.
         let light_samples = self.shining().filter(|l| l.is_directional_sample());
@@ -360,11 +359,11 @@ impl Scene {
     }
 
     /// Factor of the environment beside its own strength and tint, from the light of the two maps: 0 while a light is solo.
-    pub fn environment_gain(&self, object: &Object, maps: [&Illumination; 2]) -> f32 {
+    pub fn environment_gain(&self, maps: [&Illumination; 2]) -> f32 {
         if self.is_solo() {
             return 0.0;
         }
-        self.match_gain(object, maps)
+        self.match_gain(maps)
     }
 
     /// True while placed lights are to be seen alone.
@@ -379,9 +378,10 @@ impl Scene {
         lights.filter(move |l| l.on && (l.solo || !is_solo))
     }
 
-    /// Factor that brings the environment's mean irradiance to that of an object's source, where that is wanted; 1 otherwise. Both lights are as
+    /// Factor that brings the environment's mean irradiance to that of the matched object's source, where that is wanted; 1 otherwise. Both lights are as
     /// their maps hold them. The environment's own strength and tint come on top; the source's count, since it is what is matched.
-    pub fn match_gain(&self, object: &Object, maps: [&Illumination; 2]) -> f32 {
+    pub fn match_gain(&self, maps: [&Illumination; 2]) -> f32 {
+        let object = &self.objects[self.matched_object()];
         let source = maps[0]
             .radiance
             .tinted(object.source.gain())
@@ -454,8 +454,7 @@ mod tests {
             ..Scene::default()
         };
         scene.environment.strength = 1.0;
-        let lights =
-            |scene: &Scene| scene.lights_on(&scene.objects[0], [&source, &target], UpAxis::PlusZ);
+        let lights = |scene: &Scene| scene.lights_on([&source, &target], UpAxis::PlusZ);
         let [s, t] = lights(&scene);
         assert!((t.mean_irradiance() / s.mean_irradiance() - 2.0).abs() < 1e-4);
         scene.match_strength = false;
@@ -552,7 +551,6 @@ mod tests {
         }
     }
 
-    /// Irradiance adds up, whichever form of the light is asked; there is room for any number.
     #[test]
     fn exposure_is_matched_to_the_first_object_that_is_shown() {
         let even = Illumination::even(2);
@@ -570,6 +568,7 @@ mod tests {
         assert!((bright / mean(&scene) - 4.0).abs() < 1e-3);
     }
 
+    /// Irradiance adds up, whichever form of the light is asked; there is room for any number.
     #[test]
     fn lights_of_ones_own_come_on_top_of_the_environment() {
         let even = Illumination::even(3);
@@ -581,7 +580,7 @@ mod tests {
                 angle_deg: 0.0,
             }));
         }
-        let [source, target] = scene.lights_on(&scene.objects[0], [&even, &even], UpAxis::MinusY);
+        let [source, target] = scene.lights_on([&even, &even], UpAxis::MinusY);
         let up = UpAxis::MinusY;
         assert_eq!(source, scene.objects[0].source.orient(&even, up));
         // A surface turned all ways sees a quarter of what one does that faces the light.
@@ -604,7 +603,7 @@ mod tests {
             },
             ..scene.clone()
         };
-        let [_, dimmed] = told.lights_on(&told.objects[0], [&even, &even], UpAxis::MinusY);
+        let [_, dimmed] = told.lights_on([&even, &even], UpAxis::MinusY);
         let expected = dimmed.mean_irradiance() / target.mean_irradiance();
         for gain in dimmed.user_gain {
             assert!((gain / expected - 1.0).abs() < 1e-3, "{gain} {expected}");

@@ -5,7 +5,7 @@ use glam::Vec3;
 use crate::scene::{Cut, Support};
 use crate::surfels::{SurfelCloud, UpAxis};
 
-/// By how much the box is widened across the up axis where the support is looked for, of its largest edge: a desk goes on beside what stands on it.
+/// Widening of the box across the up axis, to either side, of its largest edge: a desk goes on beside what stands on it.
 const AROUND: f32 = 0.25;
 
 /// Bins of height below the bottom of the box and above it, and the height of one, of the box's largest edge: where a box is drawn by hand.

@@ -18,7 +18,7 @@ use transplat_core::present::{self, Background, PLAIN, View, in_space};
 use transplat_core::probe::{Beyond, Cube, Probe};
 use transplat_core::progress::{Progress, part, tell};
 use transplat_core::rasterize::{ColorSpace, Raster};
-use transplat_core::scene::{EnvironmentLight, Object, Scene};
+use transplat_core::scene::{EnvironmentLight, Scene};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
@@ -71,11 +71,10 @@ pub fn light_at(
 pub fn lit_ground(
     ground: &Ground,
     scene: &Scene,
-    object: &Object,
     maps: [&Illumination; 2],
     up: UpAxis,
 ) -> [Vec<f32>; 2] {
-    let lights = scene.lights_on(object, maps, up);
+    let lights = scene.lights_on(maps, up);
     lights.map(|light| ground.lit_share(&light))
 }
 

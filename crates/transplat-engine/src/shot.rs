@@ -277,13 +277,7 @@ impl Backdrops {
             let maps = project
                 .matched_sides()
                 .map(|(_, there)| &there.light.illumination);
-            lit.ground = lit_ground(
-                ground,
-                scene,
-                &scene.objects[scene.matched_object()],
-                maps,
-                up,
-            );
+            lit.ground = lit_ground(ground, scene, maps, up);
         }
         if view.background(scene.background) != Background::Environment {
             return Ok(());

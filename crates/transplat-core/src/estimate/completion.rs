@@ -26,18 +26,10 @@ pub enum FoundExposure {
 }
 
 impl FoundExposure {
-    /// Factor of the panorama.
-    pub(super) fn factor(self) -> f32 {
+    /// Factor that the shading shows.
+    pub fn found(self) -> Option<f32> {
         match self {
-            Self::Found(factor) => factor,
-            Self::Known | Self::Unknown => 1.0,
-        }
-    }
-
-    /// Factor that the shading shows, in stops.
-    pub fn stops(self) -> Option<f32> {
-        match self {
-            Self::Found(factor) => Some(factor.log2()),
+            Self::Found(factor) => Some(factor),
             Self::Known | Self::Unknown => None,
         }
     }
@@ -72,7 +64,7 @@ pub(super) fn completed(
         let d = map.direction(i % map.width(), i / map.width());
         (to_asset * DVec3::from_array(d)).as_vec3()
     };
-    let factor = exposure.factor();
+    let factor = exposure.found().unwrap_or(1.0);
     let radiance = |(i, pixel): (usize, &[f32; 3])| {
         let radiance = match is_clipped(*pixel, white) {
             true => clipped_radiance(*pixel).changed(log(direction(i)), 0.0),

@@ -71,7 +71,7 @@ impl FittedLight {
         }
     }
 
-    /// Adds a step of all unknowns `[3][P]`, shortened where it is too long to trust.
+    /// Adds a step of all unknowns `[3][P]`, shortened where it is longer than `longest`.
     pub fn change(&mut self, step: &DVector<f64>, longest: f64) {
         let p = self.unknowns();
         let shorter = (longest / step.amax()).min(1.0);
@@ -259,7 +259,7 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// Explanation by a light whose sky is explained already.
+    /// Explanation by a light of known irradiance by its sky.
     pub fn explain_with(&self, sky: SkyIrradiance, light: &FittedLight) -> Explained {
         let clusters = self.clusters;
         let SkyIrradiance {

@@ -106,17 +106,17 @@ fn starts(
             log_energy: energy_around(direction).map(f64::ln),
         }),
     };
-    let explained = fit.sky_irradiance(&shaded);
+    let sky_irradiance = fit.sky_irradiance(&shaded);
     let uncertain = fit.expected.uncertain_directions.par_iter().take(TRIED);
     let tried = uncertain.flat_map_iter(|direction| {
         let light = shone(*direction, fit.clusters.seen_towards(*direction));
-        let explained = &explained;
+        let sky_irradiance = &sky_irradiance;
         STRONGER.into_iter().map(move |factor| {
             let mut light = light.clone();
             for log in light.sun.iter_mut().flat_map(|sun| &mut sun.log_energy) {
                 *log += f64::ln(factor);
             }
-            let explained = fit.explain_with(explained.clone(), &light);
+            let explained = fit.explain_with(sky_irradiance.clone(), &light);
             (fit.cost(&light, &explained, noise), light)
         })
     });

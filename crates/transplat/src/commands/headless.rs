@@ -246,9 +246,9 @@ impl Headless {
         for (at, state) in self.shots.project.states.iter().enumerate() {
             if let Some(completed) = self.shots.project.completed_source(at) {
                 summary.set("source_completed_gain", completed.gain);
-                let stops = completed.exposure.stops();
-                summary.set("source_completed_exposure", stops.map(f32::exp2));
-                let exposure = stops.map(|stops| format!(", exposure {stops:+.1} stops"));
+                let factor = completed.exposure.found();
+                summary.set("source_completed_exposure", factor);
+                let exposure = factor.map(|f| format!(", exposure {:+.1} stops", f.log2()));
                 if completed.exposure == FoundExposure::Unknown {
                     summary.warn(
                         "the shading does not show how bright the capture light was: set the strength of the source",

@@ -211,7 +211,7 @@ fn subject(args: &ReportArgs, device: &Device, summary: &mut Summary) -> Result<
     ];
     let up = headless.shots.cloud.up;
     let plain = Scene::default();
-    let lights = plain.lights_on(&plain.objects[0], lights.each_ref(), up);
+    let lights = plain.lights_on(lights.each_ref(), up);
     Ok(Subject {
         cloud: headless.shots.cloud,
         map: Some(map),

@@ -170,7 +170,8 @@ impl Project {
     pub fn behind(&self, side: usize, view: View) -> (&Arc<Environment>, &EnvironmentLight, f32) {
         let pinned = self.compared();
         if let Some(pinned) = pinned.filter(|_| side == SOURCE && view.has_two_sides()) {
-            let maps = [&pinned.sources[0], &pinned.environment];
+            let matched = pinned.scene.matched_object();
+            let maps = [&pinned.sources[matched], &pinned.environment];
             let gain = environment_gain(&pinned.scene, maps);
             return (&pinned.environment, &pinned.scene.environment, gain);
         }
@@ -186,5 +187,5 @@ impl Project {
 
 fn environment_gain(scene: &Scene, lights: [&Arc<Environment>; 2]) -> f32 {
     let maps = lights.map(|light| &light.illumination);
-    scene.environment_gain(&scene.objects[scene.matched_object()], maps)
+    scene.environment_gain(maps)
 }

@@ -204,8 +204,7 @@ impl Project {
     pub fn target_light(&self) -> Illumination {
         let sides = self.matched_sides();
         let maps = sides.map(|(_, there)| &there.light.illumination);
-        let matched = &self.scene.objects[self.scene.matched_object()];
-        let [_, target] = self.scene.lights_on(matched, maps, self.scene_up());
+        let [_, target] = self.scene.lights_on(maps, self.scene_up());
         target
     }
 

@@ -52,8 +52,7 @@ impl Project {
     /// Turns an object's lights as they are set.
     pub(crate) fn orient_lights(&mut self, at: usize) {
         let (object, up) = (&self.scene.objects[at], self.up_of(at));
-        let [(_, captured_under), _] = self.matched_sides();
-        let matched = &self.scene.objects[self.scene.matched_object()];
+        let [(matched, captured_under), _] = self.matched_sides();
         let sides = self.sides_of(at);
         let key: LightsKey = (
             sides.map(|(_, there)| there.light.id),
@@ -61,7 +60,7 @@ impl Project {
             self.scene.match_strength,
             self.scene.lights.clone(),
             [up, self.scene_up()],
-            (captured_under.light.id, matched.source.clone()),
+            (captured_under.light.id, matched.clone()),
             object.transform,
         );
         if self.states[at].lights.is_asked(&key) {
@@ -71,7 +70,7 @@ impl Project {
         let source = object.source.orient(source, up);
         // All objects are in one light, which they see as they are turned.
         let maps = [&captured_under.light.illumination, environment];
-        let [_, mut target] = self.scene.lights_on(matched, maps, self.scene_up());
+        let [_, mut target] = self.scene.lights_on(maps, self.scene_up());
         if object.transform != Transform::default() {
             target = target.seen_by(object.transform.scene_from_object());
         }
