@@ -160,7 +160,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         ),
         (
             folder.write("text.hdr", "hello"),
-            "no image that is read here",
+            "not an image that is read here",
         ),
         (folder.name("missing.hdr"), "no such file"),
         (good_ply.clone(), "a splat, where an image"),

@@ -402,18 +402,29 @@ fn a_panorama_is_rotated_to_fit_the_splat() {
     let folder = Folder::empty();
     let [splat, city, sunset] = ["teapot.ply", "city.hdr", "sunset.hdr"].map(asset);
     let out = folder.name("relit.ply");
-    let relight = |source| {
+    let relight = |source, rotation| {
         args(
-            "relight {} --source {} --rotate-source fit --target {} --device cpu -o {}",
-            &[&splat, source, &sunset, &out],
+            "relight {} --source {} --rotate-source {} --target {} --device cpu -o {}",
+            &[&splat, source, rotation, &sunset, &out],
         )
     };
-    let told = run_json(&relight(&city));
+    let told = run_json(&relight(&city, "fit"));
     let rotation = told["source_rotation"].as_f64().expect("a number");
     assert!(rotation.abs() < 3.0, "{rotation}");
     assert_eq!(told["source_mirrored"], false);
-    let unknown = "estimate".to_owned();
-    run_told(&relight(&unknown), 1, &["--rotate-source fit", "panorama"]);
+    let contradicts = "warning: The capture light contradicts the shading of teapot";
+    run_told(
+        &relight(&city, "140"),
+        0,
+        &[contradicts, "--rotate-source fit"],
+    );
+    let right = run_told(&relight(&city, "0"), 0, &[]);
+    assert!(!String::from_utf8_lossy(&right.stderr).contains(contradicts));
+    run_told(
+        &relight("estimate", "fit"),
+        1,
+        &["--rotate-source fit", "panorama"],
+    );
 }
 
 /// Under the light of its capture a splat looks as captured. A photograph of that light is clipped, and darker.

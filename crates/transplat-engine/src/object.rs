@@ -16,7 +16,7 @@ use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::{Alignment, Estimate, FoundExposure};
 use transplat_core::present::{LowConfidence, View};
-use transplat_core::scene::{EnvironmentLight, Light, Transform};
+use transplat_core::scene::{ESTIMATE, EnvironmentLight, Light, Transform};
 use transplat_core::settings::optimizations::{Optimizations, SkippedWork};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{SurfelFilter, UpAxis};
@@ -97,6 +97,10 @@ impl ObjectState {
         Self {
             id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
             asset,
+            source: Resolved {
+                light: Environment::assumed(),
+                settings: EnvironmentLight::of(ESTIMATE),
+            },
             ..Self::default()
         }
     }

@@ -26,9 +26,11 @@ pub fn of_error(error: &anyhow::Error) -> String {
     let mut said: Vec<String> = error.chain().map(ToString::to_string).collect();
     if let Some(reason) = error.root_cause().downcast_ref::<std::io::Error>() {
         said.pop();
+        // What a reader found follows the file's name, what the system refuses comes before it.
+        let is_of_system = reason.get_ref().is_none();
         let reason = transplat_core::refusal(reason);
         match &said[..] {
-            [path] if !path.contains(": ") => said.insert(0, reason),
+            [path] if is_of_system && !path.contains(": ") => said.insert(0, reason),
             _ => said.push(reason),
         }
     }

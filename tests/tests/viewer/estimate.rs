@@ -104,8 +104,15 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     let broken = d.folder.write("broken.hdr", "no light");
     d.after(|v| v.session.object_mut().source.strength = 1.5);
     d.after(|v| v.session.set_light(0, broken.into()));
-    let source = &d.viewer().session.object().source;
+    let session = &d.viewer().session;
+    let source = &session.object().source;
     assert!(source.is_estimate() && source.strength == 1.5);
+    assert!(
+        session
+            .messages
+            .iter()
+            .any(|m| m.text.contains("is estimated from the object instead"))
+    );
     // The next asset may tell its light.
     open_own(&mut d);
     d.settle();

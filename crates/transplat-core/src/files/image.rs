@@ -23,7 +23,7 @@ pub fn load_image(path: &Path, layer: Option<&str>) -> Result<Image> {
     let kind = file_kind(path).map_err(|error| match error {
         Error::Invalid { path, message } if message.starts_with(UNKNOWN) => Error::invalid(
             &path,
-            "is no image that is read here (.hdr, .exr, .png, .jpg); save it as PNG, JPEG or OpenEXR",
+            "not an image that is read here (.hdr, .exr, .png, .jpg); save it as PNG, JPEG or OpenEXR",
         ),
         other => other,
     })?;

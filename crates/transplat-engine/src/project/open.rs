@@ -493,13 +493,20 @@ impl Project {
 
     /// Sets lights that cannot be read back to the last ones.
     fn take_back(&mut self, path: &Path) {
+        let mut is_estimated = false;
         let objects = self.scene.objects.iter_mut().zip(&self.states);
         let sources = objects.map(|(object, state)| (&mut object.source, &state.source));
         let environment = (&mut self.scene.environment, &self.environment);
         for (settings, resolved) in sources.chain([environment]) {
             if settings.file.as_deref() == Some(path) {
                 *settings = resolved.settings.clone();
+                is_estimated |= settings.is_estimate();
             }
+        }
+        if is_estimated {
+            self.info(tr(
+                "The capture light is estimated from the object instead.",
+            ));
         }
     }
 

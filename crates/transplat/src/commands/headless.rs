@@ -307,8 +307,18 @@ impl Headless {
 
     /// Bakes what the method needs, and tells what that found.
     pub fn bake(&mut self, summary: &mut Summary) -> Result<Arc<Bake>> {
-        self.shots.project.requested.bakes = true;
+        let requested = &mut self.shots.project.requested;
+        (requested.bakes, requested.alignment) = (true, true);
         self.settle(summary)?;
+        for at in 0..self.shots.project.states.len() {
+            if let Some((why, remedy)) = self.shots.project.contradiction(at) {
+                let help = match remedy {
+                    Some(_) if at == 0 => " --rotate-source fit rotates it.",
+                    _ => "",
+                };
+                summary.warn(format!("{why}{help}"));
+            }
+        }
         let bake = self
             .shots
             .project

@@ -30,6 +30,9 @@ impl Session {
                         state.tried = None;
                     }
                     self.apply(scene);
+                    if !self.object().shown {
+                        self.selected = self.project.scene.matched_object();
+                    }
                 }
                 Err(error) => self.error(error.to_string()),
             },

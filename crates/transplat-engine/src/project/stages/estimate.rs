@@ -413,28 +413,36 @@ impl Project {
 
     /// Leaves a message where the capture light contradicts the object.
     fn advise(&mut self, at: usize) {
+        match self.contradiction(at) {
+            Some((text, Some(remedy))) => self.offer(text, at, remedy),
+            Some((text, None)) => self.info(text),
+            None => {}
+        }
+    }
+
+    /// Warning that a user-set capture light contradicts the shading of an object, and what may help; none of a double of an earlier one.
+    pub fn contradiction(&self, at: usize) -> Option<(String, Option<Remedy>)> {
         let source = &self.scene.objects[at].source;
-        let (rotation, mirror) = (source.rotation, source.mirror);
-        // What one says, its double says again.
         let path = self.states[at].path();
         let is_twin = |other: usize| self.states[other].path() == path;
-        let Some(alignment) = self.alignment(at).filter(|_| !(0..at).any(is_twin)) else {
-            return;
-        };
+        let alignment = self.alignment(at).filter(|_| !(0..at).any(is_twin))?;
         let name = self.called(at);
-        match alignment.advice(rotation, mirror) {
-            Advice::Keep => {}
+        match alignment.advice(source.rotation, source.mirror) {
+            Advice::Keep => None,
             Advice::Rotate(..) => {
                 let text = tr_format!(
                     "The capture light contradicts the shading of {} at this rotation.",
                     name
                 );
-                self.offer(text, at, Remedy::Align);
+                Some((text, Some(Remedy::Align)))
             }
-            Advice::Replace => self.info(tr_format!(
-                "The capture light fits the shading of {} at no rotation. Is it of another place or time?",
-                name
-            )),
+            Advice::Replace => {
+                let text = tr_format!(
+                    "The capture light fits the shading of {} at no rotation. Is it of another place or time?",
+                    name
+                );
+                Some((text, None))
+            }
         }
     }
 

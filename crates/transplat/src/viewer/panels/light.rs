@@ -49,6 +49,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     };
     let session = &mut viewer.session;
     let light = session.light(side).clone();
+    if side == SOURCE && session.project.scene.objects.len() > 1 {
+        ui.strong(session.project.called(session.selected));
+    }
     if side == SOURCE && !light.is_file() {
         source_without_file(ui, session);
     } else if !light.is_file() {
@@ -174,7 +177,12 @@ fn by_shading(ui: &mut Ui, session: &mut Session) {
         if advice != Advice::Replace && button(ui, tr("Rotate to fit"), tip) {
             session.project.align_source(at);
         }
-        ui.weak(text);
+        match advice {
+            Advice::Keep => ui.weak(text),
+            Advice::Rotate(..) | Advice::Replace => {
+                ui.colored_label(ui.visuals().warn_fg_color, text)
+            }
+        };
     });
 }
 
