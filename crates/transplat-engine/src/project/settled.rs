@@ -39,6 +39,13 @@ impl Project {
                 false => tr("Coarse: baking visibility"),
             });
         }
+        let is_estimating = |at: usize| {
+            let is_needed = self.scene.objects[at].source.is_estimate();
+            is_needed && self.is_estimate_awaited(at)
+        };
+        if self.shown().any(|(at, ..)| is_estimating(at)) {
+            return Some(tr("Coarse: estimating the capture light"));
+        }
         let is_traced = !self.is_composed() || self.is_traced();
         (!is_traced).then_some(tr("Coarse: tracing light between objects"))
     }
