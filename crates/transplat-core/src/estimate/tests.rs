@@ -584,8 +584,8 @@ fn one_turn_is_that_of_the_oracle() {
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
-    /// Neither the scene's unit nor the exposure of its images changes the light's shape. Powers of two round nothing, so no ray falls
-    /// otherwise, and no surfel changes clusters.
+    /// Neither the scene's unit nor the exposure of its images changes the light's shape. Powers of two round no product, so no ray falls
+    /// otherwise and no surfel changes clusters; only logarithms round.
     #[test]
     fn unit_and_exposure_change_nothing(unit in -7i32..8, stops in -8i32..9) {
         let (cloud, bake) = lit(1000, slanted, None);
