@@ -290,6 +290,7 @@ fn rasterize_every_encoding_degree_and_curve() {
                     sh: &cloud.sh,
                     degree: cloud.sh_degree,
                     encoding,
+                    shadows: &[],
                 };
                 let got = on_gpu
                     .draw(&camera, paint, space, &[])

@@ -55,6 +55,7 @@ mod morton;
 mod nearest;
 pub mod numeric;
 pub mod oracle;
+pub mod pixel_shadows;
 pub mod present;
 pub mod probe;
 pub mod progress;

@@ -15,7 +15,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use blend::{TILE, Tile, TileSplat};
+use blend::TileSplat;
+pub(crate) use blend::{TILE, Tile};
 pub use project::{LEAST_COMPENSATION, LOW_PASS_VARIANCE, MARGIN, MAX_ALPHA};
 use project::{ProjectedSurfel, project_surfel};
 pub use shade::{ColorSpace, Functions, Shading, shade};
@@ -217,7 +218,7 @@ impl Rasterizer {
             .zip(raster.depth.par_chunks_mut(width * TILE))
             .enumerate()
             .for_each(|(row, (pixels, depth))| {
-                let drawn: Vec<Option<Tile>> = (0..this.tiles.columns)
+                let drawn: Vec<Option<Tile<3>>> = (0..this.tiles.columns)
                     .into_par_iter()
                     .map_init(Scratch::default, |scratch, column| {
                         this.draw_tile([column, row], &color, scratch)
@@ -230,9 +231,8 @@ impl Rasterizer {
                 {
                     for (x, (pixel, depth)) in pixels.iter_mut().zip(depth).enumerate() {
                         if let Some(tile) = &drawn[x / TILE] {
-                            let sum;
-                            (*pixel, sum) = tile.pixel(x % TILE, y);
-                            *depth = over(sum, pixel[3]);
+                            let ([r, g, b], alpha, middle) = tile.pixel(x % TILE, y);
+                            (*pixel, *depth) = ([r, g, b, alpha], middle);
                         } else {
                             (*pixel, *depth) = ([0.0; 4], 0.0);
                         }
@@ -247,12 +247,26 @@ impl Rasterizer {
         at: [usize; 2],
         color: &(impl Fn(&[usize], &mut [[f32; 3]]) + Sync),
         scratch: &mut Scratch<'a>,
-    ) -> Option<Tile> {
+    ) -> Option<Tile<3>> {
+        let mut order = std::mem::take(&mut scratch.order);
+        let tile = self.blend_in_order(at, &mut order, |tile, some| {
+            self.blend(tile, some, color, scratch);
+        });
+        scratch.order = order;
+        tile
+    }
+
+    /// A tile, if anything touches it, into which what comes next is blended, some at once, until it is finished. `order` is scratch.
+    fn blend_in_order<const N: usize>(
+        &self,
+        at: [usize; 2],
+        order: &mut Vec<u64>,
+        mut blend: impl FnMut(&mut Tile<N>, &[u64]),
+    ) -> Option<Tile<N>> {
         let entries = self.tiles.of(at[1] * self.tiles.columns + at[0]);
         if entries.len() == 0 {
             return None;
         }
-        let mut order = std::mem::take(&mut scratch.order);
         order.clear();
         order.extend(entries);
         let mut tile = Tile::new(at.map(|i| i * TILE), self.size, self.tiles.grain);
@@ -266,21 +280,47 @@ impl Rasterizer {
             let (nearest, farther) = left.split_at_mut(ordered);
             nearest.sort_unstable();
             for some in nearest.chunks(AT_ONCE) {
-                self.blend(&mut tile, some, color, scratch);
+                blend(&mut tile, some);
                 if tile.is_finished() {
                     break;
                 }
             }
             (left, ordered) = (farther, 2 * ordered);
         }
-        scratch.order = order;
         Some(tile)
+    }
+
+    /// Numbers of tiles across and down.
+    pub(crate) fn tile_counts(&self) -> [usize; 2] {
+        [self.tiles.columns, self.tiles.rows]
+    }
+
+    /// Surfels that touch a tile.
+    pub(crate) fn surfels_of_tile(&self, at: [usize; 2]) -> impl Iterator<Item = usize> + '_ {
+        let entries = self.tiles.of(at[1] * self.tiles.columns + at[0]);
+        entries.map(|entry| self.tiles.projected[entry as u32 as usize].index())
+    }
+
+    /// A tile of what is blended like a colour, in the order of its surfels; `attributes` says what that is. `order` is scratch.
+    pub(crate) fn attributes_tile<const N: usize>(
+        &self,
+        at: [usize; 2],
+        order: &mut Vec<u64>,
+        attributes: impl Fn(usize) -> [f32; N],
+    ) -> Option<Tile<N>> {
+        let surfel_of = |entry: &u64| &self.tiles.projected[*entry as u32 as usize];
+        self.blend_in_order(at, order, |tile, some| {
+            let touching = some.iter().map(surfel_of).filter(|s| tile.takes(s.touches));
+            let splats: Vec<TileSplat<'_, N>> =
+                touching.map(|s| (s, attributes(s.index()))).collect();
+            tile.blend(&splats, self.near);
+        })
     }
 
     /// Blends what comes next in a tile.
     fn blend<'a>(
         &'a self,
-        tile: &mut Tile,
+        tile: &mut Tile<3>,
         entries: &[u64],
         color: &(impl Fn(&[usize], &mut [[f32; 3]]) + Sync),
         scratch: &mut Scratch<'a>,
@@ -332,7 +372,7 @@ type Fetched<'a> = (&'a ProjectedSurfel, [u16; 4], Option<[f32; 3]>);
 struct Scratch<'a> {
     order: Vec<u64>,
     nearest: Vec<Fetched<'a>>,
-    splats: Vec<TileSplat<'a>>,
+    splats: Vec<TileSplat<'a, 3>>,
     /// Surfels whose colour is not known yet.
     asked: Vec<usize>,
     /// Ranges among the entries and the splats.

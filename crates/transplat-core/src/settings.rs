@@ -27,6 +27,8 @@ pub struct Terms {
     pub sums: bool,
     /// The directional method: compact bright sources are taken out and cast crisp shadows; off, they are sky.
     pub suns: bool,
+    /// The directional method: edges of shadows are traced at the pixel; off, a surfel is lit or shadowed as a whole.
+    pub pixel_shadows: bool,
     /// The directional method: light that bounces off other surfels; off, what blocks the light is black.
     pub bounce: bool,
     /// The directional method: thin surfels are lit from both sides; off, the front's light serves both.
@@ -49,6 +51,7 @@ impl Default for Terms {
             attenuation: true,
             sums: true,
             suns: true,
+            pixel_shadows: true,
             bounce: true,
             two_sided: true,
             lobe: true,
@@ -80,7 +83,7 @@ impl Term {
 
 impl Terms {
     /// All of them.
-    pub const ALL: [Term; 11] = {
+    pub const ALL: [Term; 12] = {
         const HARMONIC: &[Method] = &[Method::Harmonic];
         const DIRECTIONAL: &[Method] = &[Method::Directional];
         [
@@ -90,6 +93,7 @@ impl Terms {
             Term::new("attenuation", HARMONIC, |t| &mut t.attenuation),
             Term::new("sums", DIRECTIONAL, |t| &mut t.sums),
             Term::new("suns", DIRECTIONAL, |t| &mut t.suns),
+            Term::new("pixel-shadows", DIRECTIONAL, |t| &mut t.pixel_shadows),
             Term::new("bounce", DIRECTIONAL, |t| &mut t.bounce),
             Term::new("two-sided", DIRECTIONAL, |t| &mut t.two_sided),
             Term::new("lobe", DIRECTIONAL, |t| &mut t.lobe),

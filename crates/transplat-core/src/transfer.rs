@@ -3,6 +3,7 @@
 //! [`harmonic`] is the paper's transfer by products of SH series, [`directional`] sums over directions. Both prepare all that does not change with
 //! the target once.
 
+pub mod cast_shadows;
 pub mod directional;
 pub mod harmonic;
 pub mod materials;

@@ -12,12 +12,14 @@ use transplat_core::camera::Camera;
 use transplat_core::environment::{
     EnvironmentMap, Illumination, IncidentRadiance, LightSamples, project_environment,
 };
+use transplat_core::pixel_shadows::PixelShadows;
 use transplat_core::progress::Progress;
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
 use transplat_core::settings::Method;
 use transplat_core::settings::optimizations::Optimizations;
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::cast_shadows::PlacedShadows;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::bake::directional::GpuTracer;
 use transplat_gpu::rasterize::GpuRasterizer;
@@ -151,7 +153,14 @@ impl Device {
             Err(error) if !context.is_lost() => {
                 Ok((on_cpu, Some(format!("relighting on the CPU: {error}"))))
             }
-            made => Ok((Transfer::Gpu(Box::new(made?)), None)),
+            made => Ok((
+                Transfer::Gpu {
+                    transfer: Box::new(made?),
+                    prepared: prepared.clone(),
+                    last: None,
+                },
+                None,
+            )),
         }
     }
 
@@ -191,7 +200,14 @@ pub enum Transfer {
     /// On the CPU, with the last result.
     Cpu(PreparedTransfer, Option<Relit>),
     /// On a GPU.
-    Gpu(Box<GpuTransfer>),
+    Gpu {
+        /// Transfer on the GPU.
+        transfer: Box<GpuTransfer>,
+        /// Transfer that it is made from.
+        prepared: PreparedTransfer,
+        /// Last light, and what of the colour was requested.
+        last: Option<(Illumination, Part)>,
+    },
 }
 
 impl Transfer {
@@ -206,9 +222,10 @@ impl Transfer {
             Self::Cpu(prepared, relit) => {
                 *relit = Some(prepared.relight_after(relit.take(), light, wanted, unseen)?);
             }
-            Self::Gpu(transfer) => {
+            Self::Gpu { transfer, last, .. } => {
                 transfer.submit(light, wanted, unseen)?;
                 transfer.finish()?;
+                *last = Some((light.clone(), wanted));
             }
         }
         Ok(())
@@ -218,7 +235,20 @@ impl Transfer {
     pub fn result(&mut self) -> Result<Relit> {
         match self {
             Self::Cpu(_, relit) => relit.take().context("no light was given yet"),
-            Self::Gpu(transfer) => Ok(transfer.read()?),
+            Self::Gpu {
+                transfer,
+                prepared,
+                last,
+            } => {
+                let mut relit = transfer.read()?;
+                // Rays at the pixel are traced on the CPU.
+                if let Some((light, Part::Whole | Part::Diffuse)) = last {
+                    let shadows = prepared.shadows(light, &relit.tau)?;
+                    let alone = |shadows| PlacedShadows::alone(shadows, relit.tau.len());
+                    relit.shadows = shadows.into_iter().map(alone).collect();
+                }
+                Ok(relit)
+            }
         }
     }
 }
@@ -240,22 +270,41 @@ impl Painter {
         space: ColorSpace,
         hidden: &[bool],
     ) -> Result<Raster> {
-        match (self, paint) {
-            (Self::Gpu(rasterizer), _) => Ok(rasterizer.draw(camera, paint, space, hidden)?),
-            (Self::Cpu(cloud), Paint::Colors(colors)) => {
-                Ok(rasterize(cloud, camera, colors, hidden))
-            }
+        let cloud = match self {
+            Self::Cpu(cloud) => cloud,
+            Self::Gpu(rasterizer) => rasterizer.cloud(),
+        };
+        let colors = |sh, degree, encoding, space| {
+            shade(&cloud.positions, sh, degree, encoding, camera.eye, space)
+        };
+        let mut raster = match (self, paint) {
+            (Self::Gpu(rasterizer), _) => rasterizer.draw(camera, paint, space, hidden)?,
+            (Self::Cpu(_), Paint::Colors(colors)) => rasterize(cloud, camera, colors, hidden),
             (
-                Self::Cpu(cloud),
+                Self::Cpu(_),
                 Paint::Sh {
                     sh,
                     degree,
                     encoding,
+                    ..
                 },
-            ) => {
-                let colors = shade(&cloud.positions, sh, degree, encoding, camera.eye, space);
-                Ok(rasterize(cloud, camera, &colors, hidden))
-            }
+            ) => rasterize(cloud, camera, &colors(sh, degree, encoding, space), hidden),
+        };
+        if let Paint::Sh {
+            sh,
+            degree,
+            encoding,
+            shadows: shadows @ [_, ..],
+        } = paint
+        {
+            let linear = colors(sh, degree, encoding, ColorSpace::Linear);
+            let pixel_shadows = PixelShadows {
+                shadows,
+                camera,
+                space,
+            };
+            pixel_shadows.cast(cloud, hidden, &linear, &mut raster);
         }
+        Ok(raster)
     }
 }

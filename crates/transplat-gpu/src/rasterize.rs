@@ -15,6 +15,7 @@ use transplat_core::color::Encoding;
 use transplat_core::rasterize::{ColorSpace, Raster};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Bounds, SurfelCloud};
+use transplat_core::transfer::cast_shadows::PlacedShadows;
 use transplat_core::transfer::{Part, Relit};
 use wgpu::BufferUsages;
 
@@ -93,6 +94,8 @@ pub enum Paint<'a> {
         degree: usize,
         /// Encoding of the coefficients.
         encoding: Encoding,
+        /// Shadows that are cast at the pixel.
+        shadows: &'a [PlacedShadows],
     },
     /// One colour a surfel, `[n][3]`.
     Colors(&'a [[f32; 3]]),
@@ -105,6 +108,7 @@ impl<'a> Paint<'a> {
             sh: &cloud.sh,
             degree: cloud.sh_degree,
             encoding: cloud.encoding,
+            shadows: &[],
         }
     }
 
@@ -114,6 +118,7 @@ impl<'a> Paint<'a> {
             sh: &relit.sh,
             degree: relit.degree,
             encoding: relit.encoding,
+            shadows: &relit.shadows,
         }
     }
 }
@@ -334,6 +339,7 @@ impl GpuRasterizer {
                 sh,
                 degree,
                 encoding,
+                ..
             } => {
                 assert_eq!(sh.len(), coefficient_count(degree) * self.cloud.len());
                 let resident = ResidentSh::upload(&self.context, sh, degree, encoding);
@@ -421,6 +427,11 @@ impl GpuRasterizer {
             count: surfels.len() as u32,
         };
         self.context.upload(&[view], BufferUsages::UNIFORM)
+    }
+
+    /// Surfels that it draws.
+    pub fn cloud(&self) -> &Arc<SurfelCloud> {
+        &self.cloud
     }
 
     /// Takes the same surfels, held elsewhere.

@@ -191,7 +191,7 @@ pub struct CaptureArgs {
     /// Emission threshold: how many times brighter than the whitest surface in the same light a lamp is (preset best) [default: 1.2]
     #[arg(long, value_name = "0.05..100", value_parser = parse_glow)]
     pub glow_above: Option<f64>,
-    /// Terms to switch off: shadow; for preset best sums, suns, bounce, two-sided, lobe, residual, glow; for preset paper specular, reflection,
+    /// Terms to switch off: shadow; for preset best sums, suns, pixel-shadows, bounce, two-sided, lobe, residual, glow; for preset paper specular, reflection,
     /// attenuation
     #[arg(long, value_delimiter = ',', value_name = "TERM,...", hide_possible_values = true,
         value_parser = PossibleValuesParser::new(Terms::ALL.iter().map(|t| t.name)))]

@@ -262,6 +262,29 @@ impl InterObjectVisibility {
     }
 }
 
+impl InterObjectVisibility {
+    /// Light that the other objects leave along a shadow ray of a surfel, 0 to 1: in a direction (a unit vector) up to a distance, in the object's
+    /// coordinates for rays.
+    pub fn transmittance(
+        &self,
+        surfel: &RaySurfel,
+        direction: Vec3,
+        end: f32,
+        stack: &mut Stack,
+    ) -> f32 {
+        let each = self.others.iter().map(|other| {
+            let start = other.start(surfel, direction);
+            let toward = other.direction(direction);
+            if !other.is_near(start.origin, toward) {
+                return 1.0;
+            }
+            let end = end * other.scale;
+            other.bake.tracer.transmittance(start, toward, end, stack)
+        });
+        each.product()
+    }
+}
+
 impl VisibilityChange {
     /// Closes a direction, unless the surfel's own object does so.
     fn close(&mut self, j: usize, was_open: bool) {

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 pub use super::hierarchy::{BoxInOrder, PACKET, Stack};
 use super::hierarchy::{Ellipses, Hierarchy, Ray, WIDE, Wide, ellipse_box, thinning};
 use super::outward_side::OutwardSides;
-use super::scaled::ScaledObject;
+use super::scaled::{OCCLUDER_REACH, ScaledObject};
 use crate::error::{Error, Result};
 use crate::morton::neighborhood_order;
 use crate::progress::Progress;
@@ -51,6 +51,8 @@ pub struct RaySurfel {
     pub major: f32,
     /// True where it is seen from its front alone.
     pub one_sided: bool,
+    /// 0 to 1.
+    pub opacity: f32,
 }
 
 /// Where a ray starts, and how far from there what it meets counts.
@@ -155,6 +157,7 @@ impl Tracer {
                 minor: cloud.scales[i].min_element() / object.radius,
                 major: cloud.scales[i].max_element() / object.radius,
                 one_sided: outward_sides.of[i].is_one_sided(),
+                opacity: cloud.opacities[i],
             })
             .collect();
         let casting: Vec<u32> = (0..surfels.len() as u32)
@@ -241,6 +244,18 @@ impl Tracer {
     pub fn unblocked(&self, rays: &[(RayStart, Vec3, f32)], stack: &mut Stack) -> [bool; PACKET] {
         let met = self.walk(rays.iter().copied(), true, stack);
         met.surfel.map(|surfel| surfel == MISS)
+    }
+
+    /// Transmittance of a shadow ray through soft surfels, 0 to 1. The ray starts somewhere, goes in a direction (a unit vector), and ends at a
+    /// distance; all in these coordinates.
+    pub fn transmittance(
+        &self,
+        start: RayStart,
+        direction: Vec3,
+        end: f32,
+        stack: &mut Stack,
+    ) -> f32 {
+        dispatch!(Level::new(), simd => transmittance(simd, self, start, direction, end, stack))
     }
 
     /// Finds the first hits of rays before their ends, or `any` of their hits.
@@ -362,6 +377,58 @@ impl Discs {
     }
 }
 
+/// A shadow ray of which less than this is left is blocked.
+const DARK: f32 = 0.01;
+
+/// Distance from which on a ray meets each disc of a leaf.
+#[inline(always)]
+fn nearest_hits<S: Simd>(simd: S, start: &RayStart, discs: &Discs, facing: f32x8<S>) -> f32x8<S> {
+    let [nearest, behind_stack] = [start.nearest, start.stack].map(|v| f32x8::splat(simd, v));
+    let from_behind = facing.simd_gt(simd.load_array_ref_f32x8(&discs.front));
+    simd.select_f32x8(from_behind, behind_stack, nearest)
+}
+
+/// Light that is left along a ray, 0 to 1.
+#[inline(always)]
+fn transmittance<S: Simd>(
+    simd: S,
+    tracer: &Tracer,
+    start: RayStart,
+    direction: Vec3,
+    end: f32,
+    stack: &mut Stack,
+) -> f32 {
+    let hierarchy = &tracer.hierarchy;
+    let ray = Ray::new(simd, start.origin, direction, start.nearest);
+    let [none, one] = [f32::INFINITY, 1.0].map(|v| f32x8::splat(simd, v));
+    let mut through = 1.0;
+    hierarchy.enter(stack);
+    while let Some(leaf) = hierarchy.next_leaf(&ray, end, stack) {
+        let discs = &tracer.discs[leaf];
+        let meeting = discs.ellipses.meet(&ray);
+        let nearest = nearest_hits(simd, &start, discs, meeting.facing);
+        let counts = meeting.distance.simd_gt(nearest) & meeting.off.simd_le(one);
+        let met = simd.select_f32x8(counts, meeting.distance, none);
+        if !met.simd_lt(end).any_true() {
+            continue;
+        }
+        let (met, off): ([f32; WIDE], [f32; WIDE]) = (met.into(), meeting.off.into());
+        for ((distance, off), surfel) in met.into_iter().zip(off).zip(discs.surfel) {
+            if distance < end {
+                // Each that is kept lets through what those do together that it stands for.
+                let opaque = 1.0
+                    - (1.0 - tracer.surfels[surfel as usize].opacity).powi(tracer.thinning as i32);
+                let variance = OCCLUDER_REACH * OCCLUDER_REACH * off;
+                through *= 1.0 - opaque * (-0.5 * variance).exp();
+            }
+        }
+        if through < DARK {
+            return 0.0;
+        }
+    }
+    through
+}
+
 /// First hit of a ray before its end, or `any` of its hits, with its distance.
 #[inline(always)]
 fn first<S: Simd>(
@@ -373,16 +440,13 @@ fn first<S: Simd>(
 ) -> (u32, f32) {
     let hierarchy = &tracer.hierarchy;
     let ray = Ray::new(simd, start.origin, direction, start.nearest);
-    let [nearest, behind_stack, none, one] =
-        [start.nearest, start.stack, f32::INFINITY, 1.0].map(|v| f32x8::splat(simd, v));
+    let [none, one] = [f32::INFINITY, 1.0].map(|v| f32x8::splat(simd, v));
     let mut hit = MISS;
     hierarchy.enter(stack);
     while let Some(leaf) = hierarchy.next_leaf(&ray, end, stack) {
         let discs = &tracer.discs[leaf];
         let meeting = discs.ellipses.meet(&ray);
-        let front = simd.load_array_ref_f32x8(&discs.front);
-        let from_behind = meeting.facing.simd_gt(front);
-        let nearest = simd.select_f32x8(from_behind, behind_stack, nearest);
+        let nearest = nearest_hits(simd, &start, discs, meeting.facing);
         let counts = meeting.distance.simd_gt(nearest) & meeting.off.simd_le(one);
         let met = simd.select_f32x8(counts, meeting.distance, none);
         if !met.simd_lt(end).any_true() {

@@ -4,27 +4,37 @@ use multiversion::multiversion;
 
 use super::project::{ProjectedSurfel, hit};
 use crate::lanes::{LANES, Lanes};
+use crate::numeric::over;
 
 /// Edge of a tile in pixels: a row is blended at once.
-pub(super) const TILE: usize = LANES;
+pub(crate) const TILE: usize = LANES;
 
 /// A pixel is finished when less than this would pass through.
 const MIN_TRANSMITTANCE: f32 = 1e-4;
 
+/// Attributes of a tile of colours, whose depth is the mean of all that is seen. That of others is the depth of the surface in front.
+const COLORS: usize = 3;
+
+/// Transmittance from which on what comes next is in front.
+const HALF: f32 = 0.5;
+
 /// A row of pixels.
 #[derive(Clone, Copy)]
-struct PixelRow {
-    color: [Lanes; 3],
+struct PixelRow<const N: usize> {
+    color: [Lanes; N],
     depth: Lanes,
+    /// Weight of what the depth is the sum of.
+    depth_weight: Lanes,
     transmittance: Lanes,
     /// 1 where more may come, else 0.
     open: Lanes,
 }
 
-impl PixelRow {
+impl<const N: usize> PixelRow<N> {
     const EMPTY: Self = Self {
-        color: [Lanes::ZERO; 3],
+        color: [Lanes::ZERO; N],
         depth: Lanes::ZERO,
+        depth_weight: Lanes::ZERO,
         transmittance: Lanes::splat(1.0),
         open: Lanes::splat(1.0),
     };
@@ -43,7 +53,7 @@ impl PixelRow {
     #[inline(always)]
     fn blend<const GAUSSIAN: bool>(
         &mut self,
-        (surfel, color): &TileSplat<'_>,
+        (surfel, color): &TileSplat<'_, N>,
         x: Lanes,
         y: f32,
         near: f32,
@@ -55,20 +65,29 @@ impl PixelRow {
         let if_open = |of| least.where_at_most(through, of);
         let weight = if_open([weight, Lanes::ZERO]);
         self.open = if_open([self.open, Lanes::ZERO]);
+        let front = if N == COLORS {
+            weight
+        } else {
+            // What shines through from behind the surface does not count.
+            Lanes::splat(HALF).where_at_most(self.transmittance, [weight, Lanes::ZERO])
+        };
         self.transmittance = self.transmittance - weight;
         for (sum, c) in self.color.iter_mut().zip(color) {
             *sum = *sum + weight * Lanes::splat(*c);
         }
-        self.depth = self.depth + weight * depth;
+        self.depth = self.depth + front * depth;
+        if N != COLORS {
+            self.depth_weight = self.depth_weight + front;
+        }
     }
 }
 
-/// A surfel with its colour.
-pub(super) type TileSplat<'a> = (&'a ProjectedSurfel, [f32; 3]);
+/// A surfel with its colour, or what else is blended like one.
+pub(super) type TileSplat<'a, const N: usize> = (&'a ProjectedSurfel, [f32; N]);
 
 /// A part of the picture.
-pub(super) struct Tile {
-    rows: [PixelRow; TILE],
+pub(crate) struct Tile<const N: usize> {
+    rows: [PixelRow<N>; TILE],
     /// [`PixelRow::open`] of each, as it was last looked at.
     open: [u16; TILE],
     /// Position of its first pixel in the image.
@@ -77,9 +96,9 @@ pub(super) struct Tile {
     grain: usize,
 }
 
-impl Tile {
+impl<const N: usize> Tile<N> {
     /// One at a place of a picture of a size, in which places are told by so many pixels.
-    pub fn new(corner: [usize; 2], size: [usize; 2], grain: usize) -> Self {
+    pub(super) fn new(corner: [usize; 2], size: [usize; 2], grain: usize) -> Self {
         let mut rows = [PixelRow::EMPTY; TILE];
         let inside = [0, 1].map(|i| (size[i] - corner[i]).min(TILE));
         for (y, row) in rows.iter_mut().enumerate() {
@@ -100,13 +119,13 @@ impl Tile {
     }
 
     /// True where nothing can be added any more.
-    pub fn is_finished(&self) -> bool {
+    pub(super) fn is_finished(&self) -> bool {
         self.open == [0; TILE]
     }
 
     /// True where a surfel may add something.
     #[inline(always)]
-    pub fn takes(&self, touches: [u16; 4]) -> bool {
+    pub(super) fn takes(&self, touches: [u16; 4]) -> bool {
         let ([top, bottom], columns) = self.touched(touches);
         let mut open = 0;
         for row in &self.open[top..=bottom] {
@@ -130,21 +149,27 @@ impl Tile {
     }
 
     /// Blends surfels behind what is there, nearest first; nothing is seen nearer than `near`.
-    pub fn blend(&mut self, splats: &[TileSplat<'_>], near: f32) {
+    pub(super) fn blend(&mut self, splats: &[TileSplat<'_, N>], near: f32) {
         blend(self, splats, near);
         self.note_open();
     }
 
-    /// Premultiplied colour and alpha, and alpha-weighted depth, of a pixel.
-    pub fn pixel(&self, x: usize, y: usize) -> ([f32; 4], f32) {
+    /// Premultiplied colour, alpha, and depth of a pixel; 0 where nothing is.
+    pub fn pixel(&self, x: usize, y: usize) -> ([f32; N], f32, f32) {
         let row = &self.rows[y];
-        let [r, g, b] = row.color.map(|lanes| lanes.0[x]);
-        ([r, g, b, 1.0 - row.transmittance.0[x]], row.depth.0[x])
+        let color = row.color.map(|lanes| lanes.0[x]);
+        let alpha = 1.0 - row.transmittance.0[x];
+        let weight = if N == COLORS {
+            alpha
+        } else {
+            row.depth_weight.0[x]
+        };
+        (color, alpha, over(row.depth.0[x], weight))
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn blend(tile: &mut Tile, splats: &[TileSplat<'_>], near: f32) {
+fn blend<const N: usize>(tile: &mut Tile<N>, splats: &[TileSplat<'_, N>], near: f32) {
     for splat in splats {
         let surfel = splat.0;
         let ([top, bottom], columns) = tile.touched(surfel.touches);

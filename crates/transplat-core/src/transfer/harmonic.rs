@@ -316,6 +316,7 @@ impl HarmonicTransfer {
             degree: self.asset_degree,
             encoding: Encoding::Linear,
             tau,
+            shadows: Vec::new(),
         }
     }
 }

@@ -1,7 +1,10 @@
 //! Interface of a transfer, and its result.
 
-use glam::{DMat3, Quat};
+use std::sync::Arc;
 
+use glam::{Affine3A, DMat3, Quat};
+
+use super::cast_shadows::{CastShadows, PlacedShadows};
 use super::materials::Materials;
 use crate::color::{Encoding, decode_sh, encode_sh};
 use crate::color_rows::ColorRows;
@@ -98,6 +101,18 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
     /// Share of epsilon in the divisor of surfel `i`'s colour, 0 to 1, the mean of the channels.
     fn epsilon_share(&self, i: usize) -> f32;
 
+    /// Shadows that a light casts at the pixel on surfels whose diffuse light it changes by `tau`, `[n]`; none where no edge of one is.
+    ///
+    /// # Errors
+    /// The light was not read for the method.
+    fn shadows(
+        &self,
+        _target: &Illumination,
+        _tau: &[[f32; 3]],
+    ) -> Result<Option<Arc<CastShadows>>> {
+        Ok(None)
+    }
+
     /// Factor of surfel `i`'s colour under a target of the source's strength that shines on it with its mean irradiance, the worst channel: noise and
     /// error in the capture grow as much.
     fn amplification(&self, i: usize) -> f32;
@@ -143,6 +158,8 @@ pub struct Relit {
     pub encoding: Encoding,
     /// By how much what is not gloss has changed (paper eq. 5). `[n]`
     pub tau: Vec<[f32; 3]>,
+    /// Shadows that are cast at the pixel; no file has them.
+    pub shadows: Vec<PlacedShadows>,
 }
 
 /// A relit asset as it is kept to be drawn, never to be exported: the colour of very many surfels is in sixteen bits.
@@ -156,6 +173,8 @@ pub struct RelitRows {
     pub encoding: Encoding,
     /// As that of [`Relit`]. `[n]`
     pub tau: Vec<[f32; 3]>,
+    /// As that of [`Relit`].
+    pub shadows: Vec<PlacedShadows>,
 }
 
 impl RelitRows {
@@ -175,6 +194,7 @@ impl RelitRows {
             degree: relit.degree,
             encoding: relit.encoding,
             tau: relit.tau,
+            shadows: relit.shadows,
         }
     }
 
@@ -185,6 +205,7 @@ impl RelitRows {
             degree: self.degree,
             encoding: self.encoding,
             tau: self.tau,
+            shadows: self.shadows,
         }
     }
 }
@@ -211,8 +232,17 @@ impl Relit {
         }
     }
 
+    /// Colour of a splat that is moved to a place: turned with it.
+    pub fn placed(mut self, scene_from_object: Affine3A) -> Self {
+        for shadows in &mut self.shadows {
+            *shadows = shadows.clone().moved(0, scene_from_object);
+        }
+        let (_, turn, _) = scene_from_object.to_scale_rotation_translation();
+        self.turned(turn)
+    }
+
     /// Colour of a rotated splat.
-    pub fn turned(mut self, turn: Quat) -> Self {
+    pub(super) fn turned(mut self, turn: Quat) -> Self {
         if turn != Quat::IDENTITY {
             let turn = DMat3::from_quat(turn.as_dquat());
             self.sh = rotate_functions(turn, self.degree, &self.sh);
@@ -223,6 +253,10 @@ impl Relit {
     /// Results of one degree and encoding as one, surfels after surfels.
     pub(super) fn together(each: impl Iterator<Item = Self>) -> Option<Self> {
         each.reduce(|mut all, one| {
+            let first = all.tau.len();
+            let shadows = one.shadows.into_iter();
+            all.shadows
+                .extend(shadows.map(|s| s.moved(first, Affine3A::IDENTITY)));
             all.sh.extend(one.sh);
             all.tau.extend(one.tau);
             all

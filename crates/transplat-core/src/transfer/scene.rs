@@ -156,7 +156,7 @@ impl SceneTransfer {
             } else {
                 relit.linear()
             };
-            relit.turned(placed.turn()).of_degree(degree)
+            relit.placed(placed.scene_from_object).of_degree(degree)
         };
         let each = relit.into_iter().zip(&self.bake.objects).map(turned);
         Relit::together(each).expect("at least one object")

@@ -96,6 +96,7 @@ impl Reference {
                 Method::Directional => self.cloud.encoding,
                 Method::Harmonic => transplat_core::color::Encoding::Linear,
             },
+            shadows: Vec::new(),
             tau: Vec::new(),
         }
     }

@@ -3,11 +3,11 @@
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use transplat_core::camera::Camera;
 use transplat_core::derived::Derived;
-use transplat_core::rasterize::{PlacedSplat, Raster, Rasterizer};
+use transplat_core::rasterize::{ColorSpace, PlacedSplat, Raster, Rasterizer};
 
 use super::frame::{Frame, Passes};
 use super::object::{LiveObject, ShadeKey, ShownObjects, placed, shown};
-use super::paint::ObjectPaint;
+use super::paint::{ObjectPaint, cast_shadows};
 use crate::context::Context;
 use crate::rasterize::Target;
 
@@ -79,15 +79,25 @@ impl CpuCanvas {
         frame: &Frame,
         target: &Target,
     ) {
+        let (mut first, mut space) = (0, ColorSpace::Linear);
         let paint = |(object, key): (&'a LiveObject, &ShadeKey)| {
-            let paint = object.paint(&object.camera(frame), key);
-            (object.asset.cloud.len(), paint)
+            let paint = object.paint(&object.camera(frame), key, first);
+            let count = object.asset.cloud.len();
+            (first, space) = (first + count, key.space);
+            (count, paint)
         };
         let paints: Vec<(usize, ObjectPaint<'_>)> = objects.map(paint).collect();
         let (rasterizer, raster) = (&mut self.rasterizer, &mut self.raster);
-        within(&self.pool, || match &paints[..] {
-            [(_, only)] => rasterizer.draw(|surfels, out| only.colors(surfels, out), raster),
-            all => rasterizer.draw(|surfels, out| colors_of_all(all, surfels, out), raster),
+        let camera = &frame.presentation.camera;
+        within(&self.pool, || {
+            match &paints[..] {
+                [(_, only)] => rasterizer.draw(|surfels, out| only.colors(surfels, out), raster),
+                all => rasterizer.draw(|surfels, out| colors_of_all(all, surfels, out), raster),
+            }
+            // While something moves, a surfel is lit or shadowed as a whole.
+            if frame.pixel_step == 1 {
+                cast_shadows(&paints, rasterizer, camera, space, raster);
+            }
         });
         target.write(context, raster, frame.presentation.depth_unit);
     }

@@ -10,6 +10,7 @@ use transplat_core::present::{PLAIN, View};
 use transplat_core::rasterize::{ColorSpace, Functions, Shading};
 use transplat_core::sh::{coefficient_count, with_degree};
 use transplat_core::surfels::{Bounds, SurfelCloud};
+use transplat_core::transfer::cast_shadows::PlacedShadows;
 use transplat_core::transfer::{Part, Relit, RelitRows};
 
 use super::frame::{Frame, Placement};
@@ -366,8 +367,8 @@ impl LiveObject {
         }
     }
 
-    /// Colours of the surfels on the CPU.
-    pub fn paint<'a>(&'a self, camera: &Camera, key: &ShadeKey) -> ObjectPaint<'a> {
+    /// Colours of the surfels on the CPU, which are counted after `first` others.
+    pub fn paint<'a>(&'a self, camera: &Camera, key: &ShadeKey, first: usize) -> ObjectPaint<'a> {
         let cloud = &*self.asset.cloud;
         let shading = |sh: Functions<'a>, [degree, filled]: [usize; 2], encoding| Shading {
             positions: &cloud.positions,
@@ -383,9 +384,12 @@ impl LiveObject {
             let degrees = [cloud.sh_degree, self.asset.degree];
             shading(Functions::Flat(&cloud.sh), degrees, cloud.encoding)
         };
+        let mut shadows = Vec::new();
         let shading = match (key.paint, &self.relit.value, &self.pinned.value) {
             (SidePaint::Relit(_), Some(Shown::Made(LiveSh::Cpu(relit), _)), _)
             | (SidePaint::Pinned, _, Some((LiveSh::Cpu(relit), _))) => {
+                let placed = |s: &PlacedShadows| s.clone().moved(first, self.scene_from_object);
+                shadows = relit.shadows.iter().map(placed).collect();
                 let functions = Functions::Rows(&relit.sh);
                 Some(shading(functions, [relit.degree; 2], relit.encoding))
             }
@@ -406,6 +410,7 @@ impl LiveObject {
         };
         ObjectPaint {
             color,
+            shadows,
             marks: match self.marks(key) {
                 Some(Marks::Cpu(marks)) => Some(marks),
                 _ => None,

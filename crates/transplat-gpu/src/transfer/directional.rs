@@ -317,6 +317,7 @@ impl GpuDirectional {
             degree: self.prepared.asset.nodes.degree,
             encoding: self.prepared.asset.encoding,
             tau,
+            shadows: Vec::new(),
         })
     }
 }

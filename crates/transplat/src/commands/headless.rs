@@ -478,7 +478,7 @@ impl Headless {
     ) -> Result<()> {
         let middle = self.shots.cloud.bounds().center;
         let relighter = self.relighter(summary)?;
-        let on_gpu = matches!(relighter.transfer, Transfer::Gpu(_));
+        let on_gpu = matches!(relighter.transfer, Transfer::Gpu { .. });
         summary.skipped(relighter.prepared.skipped_work_for(light, on_gpu));
         if light.is_black() {
             summary.warn(format!(

@@ -113,13 +113,12 @@ impl DirectionalCache {
         Self {
             nodes: self.nodes.clone(),
             encoding: self.encoding,
-            bake,
             directions: self.directions.clone(),
             planes: self.planes.clone(),
             sh: rows_of(&self.sh, k, surfels).into(),
             means: rows_of(&self.means, 1, surfels),
-            // They tell what a surfel is made of, which is known.
-            neighbors: Neighbors::alone(surfels.len()),
+            neighbors: neighbors_of(&bake, &Optimizations::NONE),
+            bake,
             shadow_cache: ShadowCache::default(),
         }
     }

@@ -2,6 +2,7 @@
 
 use std::f32::consts::PI;
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::{Vec3, Vec3A};
 use multiversion::multiversion;
@@ -36,9 +37,11 @@ pub(in crate::transfer) struct Incident<'a> {
     /// Environment around each direction, as samples from where most of it shines.
     sky: IncidentSky,
     /// With the surfels that see them.
-    suns: Vec<(LightSample, Vec<bool>)>,
+    pub(super) suns: Vec<(LightSample, Vec<bool>)>,
     /// With what the surfels see of them.
-    near: Vec<NearLight>,
+    pub(super) near: Vec<NearLight>,
+    /// Objects around the asset.
+    pub(super) around: Option<Arc<InterObjectVisibility>>,
     /// Irradiance, with epsilon's share. `[n]`, or empty
     pub irradiance: Vec<FrontAndBack>,
     /// Irradiance of the light, [`DirectionalLight::mean`].
@@ -161,7 +164,7 @@ impl DirectionalCache {
         &'a self,
         light: DirectionalLight,
         settings: &TransferSettings,
-        among: Option<&'a InterObjectVisibility>,
+        among: Option<&'a Arc<InterObjectVisibility>>,
     ) -> Incident<'a> {
         let all = settings.optimizations == Optimizations::NONE;
         let tracing = Tracing::Done { all };
@@ -178,10 +181,11 @@ impl DirectionalCache {
         &'a self,
         light: DirectionalLight,
         settings: &TransferSettings,
-        among: Option<&'a InterObjectVisibility>,
+        around: Option<&'a Arc<InterObjectVisibility>>,
         tracing: Tracing,
     ) -> Incident<'a> {
         let terms = settings.terms;
+        let among = around.map(|around| &**around);
         Incident {
             directional_visibility: among.map_or(&self.bake.directional_visibility, |a| {
                 &a.directional_visibility
@@ -198,6 +202,7 @@ impl DirectionalCache {
                 if terms.shadow { tracing } else { Tracing::None },
                 among,
             ),
+            around: around.cloned(),
             irradiance: Vec::new(),
             mean: light.mean,
             user_gain: light.user_gain,

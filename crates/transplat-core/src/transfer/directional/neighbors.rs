@@ -100,16 +100,6 @@ impl Neighbors {
         Self::of_lists(lists, group_of, in_order)
     }
 
-    /// So many surfels, each alone.
-    pub fn alone(n: usize) -> Self {
-        let each = 0..n as u32;
-        Self::of_lists(
-            each.clone().map(std::iter::once),
-            each.clone().collect(),
-            each.collect(),
-        )
-    }
-
     fn of_lists(
         lists: impl Iterator<Item = impl Iterator<Item = u32>>,
         group_of: Vec<u32>,

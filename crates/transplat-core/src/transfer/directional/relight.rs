@@ -1,22 +1,46 @@
 //! Relight by the directional method, with its skipped work and memory.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::neighbors::SHARED_LOBES_ERROR;
-use super::specular_lobe::LEAST_GLOSS;
+use super::shadow_rays::Tracing;
+use super::specular_lobe::{LEAST_GLOSS, pooled};
 use super::{
     DirectionalLight, DirectionalTransfer, FrontAndBack, Incident, LEAST_IRRADIANCE, LOBE_TRUST,
     Radiance, TURNS, TransferScratch,
 };
+use crate::bake::surroundings::InterObjectVisibility;
+use crate::bake::trace::{STACK_SCALES, Stack};
 use crate::color_rows::ColorRows;
-use crate::environment::Illumination;
+use crate::environment::{Illumination, Shape};
 use crate::error::Result;
+use crate::numeric::smoothstep;
 use crate::settings::Terms;
 use crate::settings::optimizations::{Optimization, SkippedWork, Stage};
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
+use crate::transfer::cast_shadows::{
+    CastShadow, CastShadows, LitSurfel, PlacedShadows, transmittance,
+};
 use crate::transfer::materials::Materials;
 use crate::transfer::relit::{Part, Relight, Relit, RelitRows, empty_bytes, switched_off};
+
+/// Visible share of a light around a surfel within which an edge of a shadow is near: from none at 0 and 1 to certain at this far from both.
+const NEAR_EDGE: f32 = 0.12;
+
+/// Cosines to a light between which rays at the pixel take over: at grazing angles the surfels' own roughness casts shadows.
+const GRAZING: [f32; 2] = [0.2, 0.5];
+
+/// Reach of a surface's own surfels where edges of shadows are looked for, over that of other rays.
+const STACK_BELOW: f32 = 2.0;
+
+/// Mean relative change of the surfels' light from which on shadows are cast in full: under the light of the capture they are in its colours.
+const CHANGED: f32 = 0.03;
+
+/// Change below which there is none but rounding.
+const UNCHANGED: f32 = 1e-5;
 
 impl DirectionalTransfer {
     /// Relights; `part` says what of the colour is wanted. Surfels that are not seen (`[n]` or empty) stay as captured: they still give light
@@ -70,10 +94,17 @@ impl DirectionalTransfer {
         let mut outward_sides: Vec<[f32; 3]> = tau.into_iter().map(|t| t[0]).collect();
         // They are where both sides were.
         outward_sides.shrink_to_fit();
+        // They are of diffuse light.
+        let shadows = match part {
+            Part::Specular => None,
+            Part::Whole | Part::Diffuse => self.cast_shadows(light, &outward_sides),
+        };
+        let alone = |shadows| PlacedShadows::alone(Arc::new(shadows), outward_sides.len());
         RelitRows {
             sh,
             degree: asset.nodes.degree,
             encoding: asset.encoding,
+            shadows: shadows.into_iter().map(alone).collect(),
             tau: outward_sides,
         }
     }
@@ -82,6 +113,128 @@ impl DirectionalTransfer {
     pub(in crate::transfer) fn whole_rows(&self) -> ColorRows {
         let k = coefficient_count(self.asset.nodes.degree);
         ColorRows::whole(vec![[0.0; 3]; self.asset.bake.len() * k], k)
+    }
+}
+
+impl DirectionalTransfer {
+    /// Shadows that the suns and placed lights of a light cast on surfels whose diffuse light it changes by `tau`, `[n]`; none where no edge of a
+    /// shadow is on the asset, or the light is that of the capture.
+    fn cast_shadows(&self, light: &Incident<'_>, tau: &[[f32; 3]]) -> Option<CastShadows> {
+        let asset = &*self.asset;
+        let (bake, tracer) = (&asset.bake, &asset.bake.tracer);
+        let (terms, change) = (self.settings.terms, self.mean_change(tau));
+        if !(terms.shadow && terms.pixel_shadows) {
+            return None;
+        }
+        if light.suns.is_empty() && light.near.is_empty() || change.is_nan() || change <= UNCHANGED
+        {
+            return None;
+        }
+        let whole = self.undamped(light.user_gain);
+        // All the light of a surfel, as its change tells.
+        let irradiance: Vec<[f32; 3]> = (0..tau.len())
+            .map(|i| {
+                std::array::from_fn(|c| {
+                    let change = (tau[i][c] / whole[c]).powf(1.0 / self.trust.max(0.1));
+                    (change * self.divisor[i][0][c]).max(LEAST_IRRADIANCE)
+                })
+            })
+            .collect();
+        let suns = light.suns.iter().map(|(sun, open)| {
+            let shape = Shape::Distant {
+                toward: sun.direction,
+                radius: 0.0,
+            };
+            let seen: Vec<f32> = open.iter().map(|open| f32::from(*open)).collect();
+            (shape, sun.energy, seen)
+        });
+        let near = light.near.iter().map(|near| {
+            let shape = near.emitter.shape;
+            let seen = (0..tau.len()).map(|i| near.seen_share(asset, i));
+            (shape, near.emitter.emission, seen.collect())
+        });
+        let sizes: Vec<[f32; 1]> = tracer.surfels.iter().map(|s| [s.major]).collect();
+        let sizes = pooled(&sizes, &asset.neighbors, &bake.visible_weight);
+        let of_light = |(shape, emission, seen): (Shape, [f32; 3], Vec<f32>)| {
+            let around = self.seen_around(&shape, &sizes, light.around.as_deref());
+            let lit = |i: usize| {
+                let (surfel, normal) = (&tracer.surfels[i], bake.normals[i]);
+                let toward = shape.sample((0, 1), [0.5; 2], surfel.position, surfel.minor);
+                let edge = smoothstep(0.0, NEAR_EDGE, around[i][0])
+                    * smoothstep(1.0, 1.0 - NEAR_EDGE, around[i][0]);
+                let near_edge = edge
+                    * smoothstep(GRAZING[0], GRAZING[1], normal.dot(toward.direction))
+                    * (1.0 - bake.two_sided[i])
+                    * (1.0 - self.emission_share_of(i));
+                if near_edge <= 0.0 {
+                    return LitSurfel::default();
+                }
+                let [unit, _] = shape.irradiance(surfel.position, normal, surfel.minor);
+                LitSurfel {
+                    share: std::array::from_fn(|c| {
+                        near_edge * unit * emission[c] / irradiance[i][c]
+                    }),
+                    seen: seen[i],
+                }
+            };
+            CastShadow {
+                shape,
+                surfels: (0..tau.len()).into_par_iter().map(lit).collect(),
+            }
+        };
+        let has_edges = |of: &CastShadow| of.surfels.iter().any(|s| s.share != [0.0; 3]);
+        let lights: Vec<CastShadow> = suns.chain(near).map(of_light).filter(has_edges).collect();
+        (!lights.is_empty()).then(|| CastShadows {
+            tracer: tracer.clone(),
+            around: light.around.clone(),
+            lights,
+            trust: self.trust,
+            weight: 1.0 - (-(change / CHANGED).powi(2)).exp(),
+        })
+    }
+
+    /// Mean change of what lights the surfels, relative to the sum of before and after, by how much they make up of what is seen.
+    fn mean_change(&self, tau: &[[f32; 3]]) -> f32 {
+        let (mut changed, mut all) = (0f64, 0f64);
+        for ((tau, divisor), weight) in tau
+            .iter()
+            .zip(&self.divisor)
+            .zip(&self.asset.bake.visible_weight)
+        {
+            for (tau, before) in tau.iter().zip(divisor[0]) {
+                let before = f64::from(weight * before);
+                changed += before * f64::from((tau - 1.0).abs());
+                all += before * f64::from(tau + 1.0);
+            }
+        }
+        (changed / all.max(f64::MIN_POSITIVE)) as f32
+    }
+
+    /// Visible share of a light around each surfel, through soft surfels: 0 in a shadow, 1 beside it. `[n]`
+    fn seen_around(
+        &self,
+        shape: &Shape,
+        sizes: &[[f32; 1]],
+        around: Option<&InterObjectVisibility>,
+    ) -> Vec<[f32; 1]> {
+        let bake = &self.asset.bake;
+        let trace = |stack: &mut Stack, i: usize| {
+            let surfel = &bake.tracer.surfels[i];
+            let toward = shape.sample((0, 1), [0.5; 2], surfel.position, surfel.minor);
+            if toward.strength <= 0.0 || bake.normals[i].dot(toward.direction) <= 0.0 {
+                return [0.0];
+            }
+            let mut start = surfel.start(toward.direction);
+            start.stack = start.stack.max(STACK_BELOW * STACK_SCALES * sizes[i][0]);
+            let (direction, end) = (toward.direction, toward.distance);
+            let tracer = &bake.tracer;
+            [transmittance(
+                tracer, around, surfel, start, direction, end, stack,
+            )]
+        };
+        let surfels = (0..sizes.len()).into_par_iter();
+        let seen: Vec<[f32; 1]> = surfels.map_init(Stack::new, trace).collect();
+        pooled(&seen, &self.asset.neighbors, &bake.visible_weight)
     }
 }
 
@@ -205,6 +358,12 @@ impl Relight for DirectionalTransfer {
                 ..SkippedWork::exact(Stage::Transfer, "rays to suns", "the light has no sun")
             },
         )
+    }
+
+    fn shadows(&self, target: &Illumination, tau: &[[f32; 3]]) -> Result<Option<Arc<CastShadows>>> {
+        let tracing = Tracing::Done { all: false };
+        let light = (self.asset).met(self.light(target)?, &self.settings, None, tracing);
+        Ok(self.cast_shadows(&light, tau).map(Arc::new))
     }
 
     fn light_gain(&self) -> f32 {

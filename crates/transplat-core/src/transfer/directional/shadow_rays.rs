@@ -320,6 +320,17 @@ impl NearLight {
         }
     }
 
+    /// Visible share of its irradiance on the front of surfel `i`, 0 to 1.
+    pub(super) fn seen_share(&self, asset: &DirectionalCache, i: usize) -> f32 {
+        let surfel = &asset.bake.tracer.surfels[i];
+        let normal = asset.bake.normals[i];
+        let [whole, _] = self
+            .met
+            .shape
+            .irradiance(surfel.position, normal, surfel.minor);
+        share([self.met.irradiance[i][0], whole]).min(1.0)
+    }
+
     /// Light of its parts on the front of surfel `i`, as rays.
     pub(super) fn light_samples(
         &self,

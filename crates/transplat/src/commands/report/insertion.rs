@@ -319,6 +319,7 @@ fn captured(cloud: &Arc<SurfelCloud>) -> Relit {
         degree: cloud.sh_degree,
         encoding: cloud.encoding,
         tau: Vec::new(),
+        shadows: Vec::new(),
     }
 }
 

@@ -74,6 +74,10 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
         .on_hover_text(tr("Extracts suns from the environment, for crisp shadows."));
     ui.checkbox(&mut terms.bounce, tr("Bounced light"))
         .on_hover_text(tr("Light bounced between Gaussians."));
+    ui.checkbox(&mut terms.pixel_shadows, tr("Pixel shadows"))
+        .on_hover_text(tr(
+            "Traces the edges of shadows at each pixel. Off, a Gaussian is lit or shadowed as a whole.",
+        ));
     ui.checkbox(&mut terms.two_sided, tr("Two-sided"))
         .on_hover_text(tr(
             "Lights thin sheets such as leaves from the visible side.",
