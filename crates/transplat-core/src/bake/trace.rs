@@ -380,12 +380,16 @@ impl Discs {
 /// A shadow ray of which less than this is left is blocked.
 const DARK: f32 = 0.01;
 
-/// Distance from which on a ray meets each disc of a leaf.
+/// Distances at which a ray hits the discs of a leaf, infinite where it does not, and squared distances from their centres over their reach.
 #[inline(always)]
-fn nearest_hits<S: Simd>(simd: S, start: &RayStart, discs: &Discs, facing: f32x8<S>) -> f32x8<S> {
-    let [nearest, behind_stack] = [start.nearest, start.stack].map(|v| f32x8::splat(simd, v));
-    let from_behind = facing.simd_gt(simd.load_array_ref_f32x8(&discs.front));
-    simd.select_f32x8(from_behind, behind_stack, nearest)
+fn hits_of_leaf<S: Simd>(simd: S, start: &RayStart, discs: &Discs, ray: &Ray<S>) -> [f32x8<S>; 2] {
+    let [nearest, behind_stack, none, one] =
+        [start.nearest, start.stack, f32::INFINITY, 1.0].map(|v| f32x8::splat(simd, v));
+    let hits = discs.ellipses.meet(ray);
+    let from_behind = hits.facing.simd_gt(simd.load_array_ref_f32x8(&discs.front));
+    let nearest = simd.select_f32x8(from_behind, behind_stack, nearest);
+    let counts = hits.distance.simd_gt(nearest) & hits.off.simd_le(one);
+    [simd.select_f32x8(counts, hits.distance, none), hits.off]
 }
 
 /// Light that is left along a ray, 0 to 1.
@@ -400,20 +404,16 @@ fn transmittance<S: Simd>(
 ) -> f32 {
     let hierarchy = &tracer.hierarchy;
     let ray = Ray::new(simd, start.origin, direction, start.nearest);
-    let [none, one] = [f32::INFINITY, 1.0].map(|v| f32x8::splat(simd, v));
     let mut through = 1.0;
     hierarchy.enter(stack);
     while let Some(leaf) = hierarchy.next_leaf(&ray, end, stack) {
         let discs = &tracer.discs[leaf];
-        let meeting = discs.ellipses.meet(&ray);
-        let nearest = nearest_hits(simd, &start, discs, meeting.facing);
-        let counts = meeting.distance.simd_gt(nearest) & meeting.off.simd_le(one);
-        let met = simd.select_f32x8(counts, meeting.distance, none);
-        if !met.simd_lt(end).any_true() {
+        let [hits, off] = hits_of_leaf(simd, &start, discs, &ray);
+        if !hits.simd_lt(end).any_true() {
             continue;
         }
-        let (met, off): ([f32; WIDE], [f32; WIDE]) = (met.into(), meeting.off.into());
-        for ((distance, off), surfel) in met.into_iter().zip(off).zip(discs.surfel) {
+        let (hits, off): ([f32; WIDE], [f32; WIDE]) = (hits.into(), off.into());
+        for ((distance, off), surfel) in hits.into_iter().zip(off).zip(discs.surfel) {
             if distance < end {
                 // Each that is kept lets through what those do together that it stands for.
                 let opaque = 1.0
@@ -440,20 +440,16 @@ fn first<S: Simd>(
 ) -> (u32, f32) {
     let hierarchy = &tracer.hierarchy;
     let ray = Ray::new(simd, start.origin, direction, start.nearest);
-    let [none, one] = [f32::INFINITY, 1.0].map(|v| f32x8::splat(simd, v));
     let mut hit = MISS;
     hierarchy.enter(stack);
     while let Some(leaf) = hierarchy.next_leaf(&ray, end, stack) {
         let discs = &tracer.discs[leaf];
-        let meeting = discs.ellipses.meet(&ray);
-        let nearest = nearest_hits(simd, &start, discs, meeting.facing);
-        let counts = meeting.distance.simd_gt(nearest) & meeting.off.simd_le(one);
-        let met = simd.select_f32x8(counts, meeting.distance, none);
-        if !met.simd_lt(end).any_true() {
+        let [hits, _] = hits_of_leaf(simd, &start, discs, &ray);
+        if !hits.simd_lt(end).any_true() {
             continue;
         }
-        let met: [f32; WIDE] = met.into();
-        for (distance, surfel) in met.into_iter().zip(discs.surfel) {
+        let hits: [f32; WIDE] = hits.into();
+        for (distance, surfel) in hits.into_iter().zip(discs.surfel) {
             if distance < end {
                 (hit, end) = (surfel, distance);
             }
